@@ -45,12 +45,22 @@ def load_robot(source: str, *, any_size: bool = False) -> Robot:
     return robot
 
 
-def mapping_of(reading: Reading) -> dict[str, Any] | None:
-    """Return where the log keeps its signals, as the options say; None where they say nothing."""
+def mapping_of(reading: Reading, *, others: bool = False) -> dict[str, Any] | None:
+    """Return where the log keeps its signals and what is left out of it, as the options say; None: they say nothing.
+
+    Of `others` than the command's own logs nothing is left out.
+    """
     from elid_cli.logs import read_map_options
+    from elid_cli.logs.mapping.left_out import KEY, left_out_of
 
     gains = {name: {"value": value} for name, value in (("kp", reading.kp), ("kd", reading.kd)) if value is not None}
-    return read_map_options(reading.maps) | gains or None
+    mapping = read_map_options(reading.maps) | gains
+    if others:
+        mapping.pop(KEY, None)
+    elif reading.leave_out:
+        mapping[KEY] = [*mapping.get(KEY, ()), *map(list, reading.leave_out)]
+    left_out_of(mapping, len(click.get_current_context().params.get("logs") or ()))
+    return mapping or None
 
 
 def load_recording(
@@ -61,10 +71,13 @@ def load_recording(
     rate: float | None = None,
     progress: Progress | None = None,
     label: str = "",
+    *,
+    others: bool = False,
 ) -> Recording:
     """Read the logs as the robot's signals; `rate` (Hz) is for one that holds no time.
 
-    What was repaired and what looks wrong goes to stderr, after a `label` where the logs are others than the report's.
+    What was repaired and what looks wrong goes to stderr, after a `label` where there is one. `others` are not the
+    command's own logs: what is left out of those is not left out of them.
     """
     from elid_cli.logs import read_recording
     from elid_cli.memory import keep_freed_memory
@@ -73,7 +86,7 @@ def load_recording(
 
     keep_freed_memory()
     recording = read_recording(
-        logs, robot, mapping_of(reading), strict=reading.strict, rate=rate, time_source=reading.time,
+        logs, robot, mapping_of(reading, others=others), strict=reading.strict, rate=rate, time_source=reading.time,
         progress=None if progress is None else lambda share: progress("reading", share),
     )  # fmt: skip
     recording = with_lost_effects(recording, robot)

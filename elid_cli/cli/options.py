@@ -16,7 +16,7 @@ import click
 
 from elid_cli.cli.color import CHOICES
 from elid_cli.cli.group import Option
-from elid_cli.cli.values import File, Held, Number, Numbers, ShareOfOne, completing, robots
+from elid_cli.cli.values import File, Held, Number, Numbers, ShareOfOne, Span, completing, robots
 from elid_cli.signals.options import SignalOptions
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -110,6 +110,7 @@ class Reading:
     kd: float | list[float] | None = None
     time: Literal["auto", "header", "log"] = "auto"
     strict: bool = False
+    leave_out: tuple[tuple[float, float], ...] = ()
 
 
 reading = gathered(
@@ -123,6 +124,8 @@ reading = gathered(
     option(INPUT, "--time", type=click.Choice(("auto", "header", "log")), default="auto",
            help="Clock of an MCAP log: the messages' header stamps, or the times of logging."),
     option(INPUT, "--strict", is_flag=True, help="Refuse a damaged log. Default: use its undamaged part."),
+    option(INPUT, "--leave-out", type=Span(), multiple=True, metavar="START:STOP",
+           help="Leave out this part of the log, in s from its first sample: a stop, a collision. Repeatable."),
 )  # fmt: skip
 
 

@@ -71,6 +71,25 @@ class ShareOfOne(Share):
         return share
 
 
+class Span(click.ParamType):  # type: ignore[type-arg]
+    """A part of a log, s: ``6:6.4``."""
+
+    name = "span"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Return start and stop."""
+        if isinstance(value, tuple):
+            return value[0], value[1]
+        start, colon, stop = str(value).partition(":")
+        if not colon:
+            self.fail(f"{value!r} is no part of a log: write START:STOP in s, as 6:6.4", param, ctx)
+        each = Number(least=0)
+        first, last = each.convert(start, param, ctx), each.convert(stop, param, ctx)
+        if not first < last:
+            self.fail(f"{value} ends before it starts", param, ctx)
+        return first, last
+
+
 class File(click.Path):
     """A path as typed, completed by the shell; what is wrong with it is said by whoever opens it."""
 

@@ -73,6 +73,8 @@ class RowNoise:
     """Residual over it."""
     correlation: float
     """How long the residual remembers, s."""
+    moment: tuple[float, float] | None = None
+    """Start and stop, s, of the one moment in which most of it lies."""
 
 
 @dataclass(frozen=True)

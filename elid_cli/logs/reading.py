@@ -16,6 +16,7 @@ from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, told_torques, written_units
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import COMMANDS, parse_mapping
+from elid_cli.logs.mapping.left_out import Spans, left_out_of
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import Layer, Placement, ReadPlan
 from elid_cli.logs.mapping.profiles import known_messages
@@ -49,6 +50,8 @@ class _Options:
     strict: bool
     rate: float | None
     time_source: str
+    spans: Spans
+    """What is left out, s."""
 
 
 @dataclass
@@ -101,13 +104,14 @@ def read_recording(
     """
     if isinstance(paths, str | Path):
         paths = [paths]
-    options = _Options(robot, mapping, strict, rate, time_source)
+    options = _Options(robot, mapping, strict, rate, time_source, left_out_of(mapping, len(paths)))
     parts: list[_Part] = []
     sources = []
     for index, path in enumerate(paths):
         source = open_source(path, None if progress is None else _part_of(progress, index, len(paths)))
         sources.append(source)
         opened = recognise(source).open(source)
+        left_out_of(mapping, len(opened))
         for raw in opened:
             parts.append(_read(raw, _part_name(source, raw), index, options))
     if not parts:
@@ -173,7 +177,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     streams = [
         replace(stream, clocks={}) for stream in streams
     ]  # their stamps take as much memory as a joint's signals
-    aligned = align(converted(plan, streams, seconds, robot), robot.joint_names, name, other)
+    aligned = align(converted(plan, streams, seconds, robot), robot.joint_names, name, other, options.spans)
     aligned = at_even_times(aligned)
     _believable(aligned.dt, name, plan)
     signals = dict(aligned.signals)

@@ -99,7 +99,7 @@ def kept(tau: Array, place: Array, rate: float = RATE) -> tuple[NDArray[np.bool_
     repairs: list[str] = []
     grid = Grid(1 / rate, (0.0,), (len(tau),))
     signals = {"tau": tau, "theta": place, "q": np.full_like(place, np.nan)}
-    return drives_off(signals, grid, np.ones(len(tau), dtype=bool), repairs), repairs
+    return drives_off(signals, grid, np.ones(len(tau), dtype=bool), grid.times(), repairs), repairs
 
 
 def pulses(t: Array) -> Array:

@@ -95,7 +95,8 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         if moving and (search.accurate or search.jobs > 1):
             note(["--accurate and --jobs are of the search by torques, not of this one by motion"], output)
         others = [
-            load_recording((log,), machine, source.reading, output, options.rate, label=log) for log in search.checks
+            load_recording((log,), machine, source.reading, output, options.rate, label=log, others=True)
+            for log in search.checks
         ]
         signals = load_signals(recording, machine, options if moving else sharp(options, recording), advance)
         if advance is not None and not moving:

@@ -142,12 +142,15 @@ def reduced_logs(request: LogRequest) -> list[ReducedLog]:
     LogError
         A log that cannot be used.
     UsageError
-        A triangle file that was made with other options than those of the request.
+        A triangle file that was made with other options than those of the request, or parts to leave out of several
+        logs.
     """
     from elid_cli.estimation.streaming.files import read_triangles
     from elid_cli.estimation.streaming.stored import is_triangle_file
+    from elid_cli.logs.mapping.left_out import left_out_of
     from elid_cli.robot.text import text_of
 
+    left_out_of(request.mapping, len(request.logs))
     wish, text = asked_of(request.signals), text_of(request.robot)
     stored = {log: read_triangles(log) for log in request.logs if is_triangle_file(log)}
     jobs = [

@@ -26,6 +26,7 @@ from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import PACE, followed, memory, motion_curves, slow_part
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
+from elid_cli.estimation.validation.one_moment import moment_of
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.estimation.validation.unpredicted import unpredicted
@@ -83,10 +84,10 @@ def _joined(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:
     for one in said:
         for item in one.noise:
             rows.setdefault((item.joint, item.rows), []).append(item)
-    return tuple(
-        items[0] if len(items) == 1 else
-        RowNoise(*row, *(float(np.sqrt(np.mean(np.square([getattr(item, name) for item in items]))))
-                         for name in ("floor", "ratio", "correlation")))
+    if len(said) == 1:
+        return said[0].noise
+    return tuple(  # a moment is one of a log, and is not told of several
+        RowNoise(*row, *np.sqrt(np.mean([[i.floor**2, i.ratio**2, i.correlation**2] for i in items], axis=0)).tolist())
         for row, items in rows.items()
     )  # fmt: skip
 
@@ -164,6 +165,7 @@ def _judged_rows(
 ) -> _Seen:
     """Judge the residual of every row; `own` returns the columns of a row that the model could take it with."""
     robot = observation.robot
+    alone = signals.recording is None or len(signals.recording.files) < 2  # else times are of no log
     said = _Seen([], [], [], {})
     for group in observation.independent:
         row, use = group.row, group.use if chosen is None else group.use & chosen
@@ -175,8 +177,11 @@ def _judged_rows(
         least = max(floor.rms[row], MATTERS * torque)
         name = robot.joint_names[row.joint]
         ratio = size / max(floor.rms[row], 1e-9 * torque)
-        said.noise.append(RowNoise(name, row.kind, floor.rms[row], ratio, memory(residual, use, observation.rate)))
-        if size < ABOVE * least:
+        loud = size >= ABOVE * least
+        moment = moment_of(residual, use, observation.t, floor.rms[row]) if loud and alone else None
+        kept = memory(residual, use, observation.rate)
+        said.noise.append(RowNoise(name, row.kind, floor.rms[row], ratio, kept, moment))
+        if not loud:
             continue
         if row.joint not in said.curves:
             # beside a joint torque sensor a drive's own row holds rotor and friction alone, not what loads them

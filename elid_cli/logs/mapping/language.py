@@ -19,6 +19,8 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, did_you_mean
+from elid_cli.logs.mapping.left_out import KEY as LEFT_OUT
+from elid_cli.logs.mapping.left_out import parse_left_out
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import parse_long
 from elid_cli.robot.robot import Robot
@@ -134,6 +136,9 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
         if name == LONG:
             parse_long(spec, where)
             continue
+        if name == LEFT_OUT and where == "--map":  # a robot file cannot know of which log
+            parse_left_out(spec, where)
+            continue
         entry = _entry(name, spec, where)
         if name == "t":
             time = _time(entry, where)
@@ -153,7 +158,9 @@ def _named(name: str, entry: tuple[tuple[str, str], ...]) -> SignalMap:
 
 def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:
     if name != "t" and name not in SIGNALS:
-        raise UsageError(f"{where}: unknown signal {name!r}", hint=did_you_mean(str(name), ("t", *SIGNALS, LONG)))
+        raise UsageError(
+            f"{where}: unknown signal {name!r}", hint=did_you_mean(str(name), ("t", *SIGNALS, LONG, LEFT_OUT))
+        )
     if isinstance(spec, str | list):
         spec = {"from": spec}
     if not isinstance(spec, Mapping):

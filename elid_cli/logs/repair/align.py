@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.mapping.language import COMMANDS
+from elid_cli.logs.repair.asked import without
 from elid_cli.logs.repair.drives_off import drives_off
 from elid_cli.logs.repair.grid import Grid, grid_of, identical, onto, regularised
 from elid_cli.logs.repair.reachable import SHORTEST, Sampled, possible
@@ -55,13 +56,20 @@ class _Track:
     line: Timeline
 
 
-def align(streams: Sequence[Sampled], joints: Sequence[str], name: str, other: str = "--map t=PLACE") -> Aligned:
+def align(
+    streams: Sequence[Sampled], joints: Sequence[str], name: str, other: str = "--map t=PLACE",
+    spans: Sequence[tuple[float, float]] = (),
+) -> Aligned:  # fmt: skip
     """Return all signals on the time base of the fastest required one; `other` names clocks to try in its place.
+
+    `spans` are left out, s from the first sample.
 
     Raises
     ------
     LogError
         If the time of the required signals never advances or no usable stretch is left.
+    UsageError
+        If there is no sample in one of the spans.
     """
     repairs: list[str] = []
     sound: set[int] = set()
@@ -79,12 +87,13 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str, other: s
     grid = grid_of(leader.line)
     signals = _assemble(tracks, grid, joints, leader, repairs)
     bridged = fill(signals, grid, joints, repairs, sound)
-    mask = drives_off(signals, grid, _usable(signals, grid, joints, repairs, sound), repairs)
-    cut = _cut(signals, grid, mask, repairs, name)
+    usable = _usable(signals, grid, joints, repairs, sound)
+    shown = grid.shortened().times()
+    shown -= shown[np.argmax(usable)]
+    mask = drives_off(signals, grid, without(spans, shown, grid.dt, usable, name, repairs), shown, repairs)
+    cut = _cut(signals, grid, mask, shown, repairs, name)
     if not bridged:
         return cut
-    shown = grid.shortened().times()
-    shown -= shown[np.argmax(mask)]  # the first sample that was kept
     return replace(cut, bridged=tuple((signal, joint, shown[where]) for signal, joint, where in bridged))
 
 
@@ -229,8 +238,10 @@ def _usable(
     return mask
 
 
-def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repairs: list[str], name: str) -> Aligned:
-    """Cut the log into segments where everything is known."""
+def _cut(
+    signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], shown: Array, repairs: list[str], name: str
+) -> Aligned:
+    """Cut the log into segments where everything is known; `shown` is the time of every sample, s, (N,)."""
     whole: list[tuple[int, int]] = []
     short = 0
     for start, stop in grid.bounds():
@@ -265,10 +276,7 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
     else:
         rows = np.concatenate([np.arange(start, stop) for start, stop in whole])
         kept = {signal: values[rows] for signal, values in signals.items()}
-    shown = grid.shortened().times()
-    shown = shown if rows is None else shown[rows]
-    shown -= shown[0]
-    return Aligned(shown, grid.dt, kept, tuple(segments), tuple(repairs))
+    return Aligned(shown if rows is None else shown[rows], grid.dt, kept, tuple(segments), tuple(repairs))
 
 
 def _at_one_instant(name: str, label: str, samples: int, other: str) -> LogError:

@@ -7,14 +7,13 @@ the masses decelerate and nothing is logged that makes them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.logs.repair.grid import Grid
-from elid_cli.memory import along, let_go, passed
+from elid_cli.memory import let_go, passed
 
 FAINT = 0.02
 """Share of a joint's rms torque within which it counts as none …"""
@@ -43,11 +42,11 @@ MOST = 3
 
 
 def drives_off(
-    signals: Mapping[str, Array], grid: Grid, known: NDArray[np.bool_], repairs: list[str]
+    signals: Mapping[str, Array], grid: Grid, known: NDArray[np.bool_], t: Array, repairs: list[str]
 ) -> NDArray[np.bool_]:
     """Return `known`, (N,), without the samples at which the drives are off and brakes stop or hold the robot.
 
-    `signals` are on the grid, (N, n) each.
+    `signals` are on the grid, (N, n) each; `t` are its times, s, (N,), as they are shown.
     """
     torque = signals.get("tau")
     if torque is None:
@@ -55,13 +54,11 @@ def drives_off(
     found = [_widened(stretch, grid) for stretch in _stops(signals, torque, grid)]
     if not found:
         return known
-    shown = grid.shortened().times()
-    first = float(shown[np.argmax(known)])
     known = known.copy()
     spans = []
     for start, stop in found:
         known[start:stop] = False
-        spans.append(f"{(stop - start) * grid.dt:.3g} s from t = {shown[start] - first:.5g} s")
+        spans.append(f"{(stop - start) * grid.dt:.3g} s from t = {t[start]:.5g} s")
     more = f" and {len(spans) - MOST} more times" if len(spans) > MOST else ""
     repairs.append(
         f"no joint has any torque for {', '.join(spans[:MOST])}{more}, where the robot comes to rest or stands: taken "

@@ -83,7 +83,7 @@ def noise_payload(noise: Sequence[RowNoise]) -> dict[str, Any]:
     """Return the object ``noise`` of JSON: by joint and row."""
     joints: dict[str, dict[str, Any]] = {}
     for item in noise:
-        joints.setdefault(item.joint, {})[item.rows] = picked(item, "floor ratio correlation")
+        joints.setdefault(item.joint, {})[item.rows] = picked(item, "floor ratio correlation moment")
     return joints
 
 

@@ -5,6 +5,7 @@ Of a diagnosis, which looks for the cause, `missing.py` says it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from elid_cli.estimation.judgement import Insufficient, RowNoise
@@ -45,7 +46,7 @@ def lacking_words(
     if model == "not judged":
         return "Not looked for: elid diagnose does that."
     if model == "insufficient":
-        return f"Something: {rows_words(insufficient)}. elid diagnose looks for the cause."
+        return f"Something: {rows_words(insufficient)}.{moment_words(noise)} elid diagnose looks for the cause."
     loud = max(noise, key=lambda n: n.ratio, default=None)
     memory = ""
     if loud is not None and loud.ratio > LOUD:
@@ -53,10 +54,34 @@ def lacking_words(
         kept = f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms"
         several = f"what depends on several {'variables' if alone else 'joints'} at once"
         if loud.ratio > UNCLEAR:
-            found = f"{kept}, a fault of the log, a ripple, or {several}"
-            return f"Not clear. {size} and follows no variable alone: {found}. elid diagnose looks for the cause."
+            found = f"{size} and follows no variable alone"
+            if moment := moment_words(noise):
+                return f"Not clear. {found}.{moment} elid diagnose looks for the cause."
+            found = f"{found}: {kept}, a fault of the log, a ripple, or {several}"
+            return f"Not clear. {found}. elid diagnose looks for the cause."
         memory = f" {size}: {kept}, or {several}."
     return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
+
+
+def moment_words(noise: Sequence[RowNoise]) -> str:
+    """Return in which moments of the log most of what is left lies, in a sentence after another; nothing of none."""
+    spans: dict[str, tuple[float, float]] = {}
+    for item in noise:
+        if item.moment is not None and item.ratio > UNCLEAR:
+            start, stop = spans.get(item.joint, item.moment)
+            spans[item.joint] = min(start, item.moment[0]), max(stop, item.moment[1])
+    if not spans:
+        return ""
+    start, stop = min(s for s, _ in spans.values()), max(s for _, s in spans.values())
+    if stop - start > 2 * max(b - a for a, b in spans.values()):  # several moments
+        worst = max((i for i in noise if i.joint in spans), key=lambda i: i.ratio).joint
+        spans = {worst: spans[worst]}
+        start, stop = spans[worst]
+    first, last = math.floor(10 * start) / 10, math.ceil(10 * stop) / 10
+    return (
+        f" Most of what is left at {listed(list(spans))} lies between {first:g} and {last:g} s: a stop, a collision or "
+        f"a fault of the log? --leave-out {first:g}:{last:g} goes on without it."
+    )
 
 
 def _far_motion(found: Identification) -> str:

@@ -13,7 +13,7 @@ from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.answers.lacking import follows_words
+from elid_cli.report.answers.lacking import follows_words, moment_words
 from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, number_text
 
@@ -141,7 +141,9 @@ def missing_words(told: DiagnosisInput) -> str:
     poor = poorly_fitted(found)
     left = [u.joint for u in found.unexplained if u.joint not in poor]
     nothing = "nothing found so far" if found.partial else "no effect that elid knows"
-    rest = "".join(_left_words(found, joint, nothing) for joint in dict.fromkeys(left)) + _suspect_words(found, left)
+    rest = "".join(_left_words(found, joint, nothing) for joint in dict.fromkeys(left))
+    moment = moment_words([item for item in told.after.noise if item.joint in left])
+    rest += moment or _suspect_words(found, left)
     if found.partial and not named:
         return f"Not known yet: the search was stopped before it found anything.{rest}"
     if not named:
