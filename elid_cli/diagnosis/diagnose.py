@@ -17,12 +17,14 @@ from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.result import Diagnosis
+from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
 from elid_cli.diagnosis.search.event_times import retimed
 from elid_cli.diagnosis.search.forward import beside, search
 from elid_cli.diagnosis.search.friction_curves import with_whole_curves
 from elid_cli.diagnosis.search.one_for_two import with_one_for_two
-from elid_cli.diagnosis.search.screening import Candidate, sensible
+from elid_cli.diagnosis.search.other_forms import other_forms, with_usual_forms
+from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
@@ -200,10 +202,12 @@ def diagnose_torque(
             found = with_whole_curves(found, known, progress, asked=options.accurate)
         except KeyboardInterrupt:
             found = replace(found, partial=True)
+    found = with_usual_forms(found, known)
+    forms = {} if found.partial else other_forms(found, known)
     named, curves = found.after, list[Effect]()
     if options.lookup and not found.partial:
         found, curves = _with_curves(found)
-    told = result(robot, log, found, known, curves, named)
+    told = result(robot, log, found, known, curves, named, forms)
     return replace(told, refuted=refuted, repeats=repeats_every(log.signals), usual=usual, yielding=yielding)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
+from elid_cli.diagnosis.form_errors import reaching_forms
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
 from elid_cli.diagnosis.summary import described
@@ -94,7 +95,7 @@ def published(found: Diagnosis, signals: Signals) -> Published:
     rows = {(row.joint, row.rows): row for row in found.rows_after}
     noise = tuple(item for item in last.told.noise if (item.joint, item.rows) in rows)
     lacking = last.told.model if not found.unexplained else "insufficient"
-    after = replace(last.told, noise=noise, model=lacking)
+    after = reaching_forms(replace(last.told, noise=noise, model=lacking), found.effects)
     if last.robot is None or first.robot is None:
         return Published(first.told, after, last.robot or found.refined)
     errors, cutoff = _comparable(first, last, signals) if found.effects else ((first.told.published,) * 2, first.cutoff)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.fit.whitening import JointWhitener
@@ -45,6 +46,19 @@ class Rival:
 
 
 @dataclass(frozen=True)
+class OtherForm:
+    """A found effect in another form (friction that fades by another law) that explains the log about as well."""
+
+    parameters: Mapping[str, float]
+    behind: float
+    """Log-likelihood by which it explains this log worse, negative where better."""
+    change: Array = field(repr=False)
+    """What it does to the base parameters, (b,)."""
+    moved: tuple[tuple[str, float], ...] = ()
+    """Base parameters that it moves by two standard errors or more, the most first, and what they then are."""
+
+
+@dataclass(frozen=True)
 class FoundEffect:
     """An effect that held-out data support."""
 
@@ -69,6 +83,8 @@ class FoundEffect:
     quarters: tuple[float, ...] = ()
     """Part of the squared error that it takes from each quarter of the log, predicted from the others; NaN where the
     quarter cannot tell, empty for local effects and curves."""
+    forms: tuple[OtherForm, ...] = ()
+    """Other forms of it that explain the log about as well; the parameters' standard errors reach to what they say."""
 
 
 class Nearest(NamedTuple):

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.result import FoundEffect, Rival
+from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
-from elid_cli.diagnosis.search.screening import Candidate, sensible
+from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Step
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.robot.robot import Robot

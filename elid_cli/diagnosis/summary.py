@@ -12,10 +12,10 @@ from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
-from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Nearest, Unexplained
+from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Nearest, OtherForm, Unexplained
 from elid_cli.diagnosis.rivals import rivals_of, rivals_of_skews
+from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
-from elid_cli.diagnosis.search.screening import Candidate
 from elid_cli.diagnosis.search.steps import Found, Step, Term
 from elid_cli.diagnosis.unexplained import away_from_changes, unseen
 from elid_cli.estimation.identify import Nuisance
@@ -34,15 +34,24 @@ _SIDES = {"load": "link", "drive": "motor"}
 """What lies in a row of a joint with a torque sensor."""
 
 
-def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence[Effect], named: State) -> Diagnosis:
-    """Return what is said of a search; `named` is the model after without curves, which explain nothing."""
+def result(
+    robot: Robot, log: Log, found: Found, declared: int, curves: Sequence[Effect], named: State,
+    forms: Mapping[int, tuple[OtherForm, ...]],
+) -> Diagnosis:  # fmt: skip
+    """Return what is said of a search; `named` is the model after without curves, which explain nothing.
+
+    `forms` are those of the effects, by number, that explain the log about as well.
+    """
     before, after = found.before, found.after
     chosen = log.fold < 0
     first = described(robot, before)
     last = described(robot, after)
     validations = [validate(r, log.raw, chosen) for r in (first, last)]
     rows_before, rows_after = rows_of(before), rows_of(after)
-    effects = tuple(_found(after, declared + k, step, found.terms) for k, step in enumerate(found.steps))
+    effects = tuple(
+        replace(_found(after, k, step, found.terms), forms=forms.get(k, ()))
+        for k, step in enumerate(found.steps, start=declared)
+    )
     known = declared + len(found.steps)
     terms = tuple(_term(after, k, term) for k, term in sorted(found.terms.items()) if k >= known)
     fitted = {e.joint for e in after.effects if e.corrects == "link"}

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from elid_cli.diagnosis.fit.state import State
-from elid_cli.diagnosis.search.screening import FOLDS_LOST, Candidate, sensible
+from elid_cli.diagnosis.search.candidate import FOLDS_LOST, Candidate
+from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow

@@ -17,7 +17,8 @@ from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.quarters import left_out, survival
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import left_out_error, predicted_better, touched
-from elid_cli.diagnosis.search.screening import Candidate, score, sensible
+from elid_cli.diagnosis.search.candidate import Candidate
+from elid_cli.diagnosis.search.screening import score, sensible
 from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.estimation.data import sum_row
 from elid_cli.model.effects import effect_classes, twins_of

@@ -11,6 +11,7 @@ from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, predicted_better, touched, worthwhile
+from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.encoders_first import (
     against_friction,
@@ -19,7 +20,7 @@ from elid_cli.diagnosis.search.encoders_first import (
     seen_again,
     seen_in_positions,
 )
-from elid_cli.diagnosis.search.screening import Candidate, best_of, score, sensible
+from elid_cli.diagnosis.search.screening import best_of, score, sensible
 from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns

@@ -15,8 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Progress
+from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.by_collocation import Collocated, collocated, possible
+from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Found, Term
 from elid_cli.estimation.collocation.starts import values_of
 from elid_cli.model.effects.effect import Effect, Shapes
@@ -38,6 +40,8 @@ NET = 60.0
 """Gain in log-likelihood that the whole curve needs on the held-out stretches."""
 SHOWN = 5.0
 """Standard errors, at the shapes that were found, by which the amplitude of a term must differ from 0."""
+APPEARING = 2.0
+"""The same with all else unknown, its shapes apart."""
 LABEL = "collocation: whole friction curves"
 
 
@@ -208,8 +212,21 @@ def _told(found: Found, alone: Collocated, whole: Collocated, curves: Mapping[in
     gain = (alone.cost - whole.cost) / max(alone.cost - whole.noise, alone.cost - whole.cost)
     term = Term(gain, 0.5 * (alone.cost - whole.cost))
     further = range(len(found.after.effects), len(state.effects))
-    return replace(
-        found,
-        after=replace(state, solution=solution, known=covariance),
-        terms=dict.fromkeys([*(k for k in curves if k >= 0), *further], term),
-    )
+    told = [*(k for k in curves if k >= 0), *further]
+    state = replace(state, solution=solution, known=covariance)
+    return replace(found, after=state, terms=dict.fromkeys(told, term)) if _real(state, found.after, told) else found
+
+
+def _real(state: State, before: State, terms: Sequence[int]) -> bool:
+    """Whether terms are those of a friction, with amplitudes that show, and no parameter is impossible for them.
+
+    Splines round off the jump of friction at a reversal. A term that fades within a few samples of it, or two that
+    cancel but there, take that up.
+    """
+    for k in terms:
+        values, errors = state.named(k), standard_errors(state, k)
+        if not sensible(state.effects[k], state.scene, values):
+            return False
+        if any(abs(values[p.name]) < APPEARING * errors.get(p.name, 0.0) for p in state.effects[k].amplitudes):
+            return False
+    return not state.impossible - before.impossible

@@ -15,7 +15,8 @@ from elid_cli.diagnosis.evidence.held_out import held_out_gain, held_out_share
 from elid_cli.diagnosis.evidence.quarters import left_out, survival
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import left_out_error, touched
-from elid_cli.diagnosis.search.screening import Candidate, screen, sensible
+from elid_cli.diagnosis.search.candidate import Candidate
+from elid_cli.diagnosis.search.screening import screen, sensible
 from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.model.effects.effect import Effect
 

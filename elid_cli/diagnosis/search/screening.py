@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.fit.gain import JUDGED, Gain, settled
-from elid_cli.diagnosis.fit.projection import LEAST_SHARE
 from elid_cli.diagnosis.fit.state import State, fit
+from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.side_by_side import side_by_side
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.known_columns import Fresh
@@ -18,10 +18,6 @@ from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
 
-FOLDS_LOST = 1
-"""Folds in which an effect may fail to help, of those in which it acts."""
-NET_UNSEEN = 40.0
-"""Net gain of an effect that acts in a part of the log, which noise of a colour of its own imitates most easily."""
 REFINED = 8
 """Best groups whose shapes are refined."""
 FORMS = 3
@@ -30,81 +26,6 @@ NEXT = 1.25
 """Factor between a shape and the next one that is looked at beyond what is plausible."""
 REFITTED = 12
 """Best groups whose values are taken from a full fit where the stiffness matters."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect at one joint with its best shape."""
-
-    effect: Effect
-    columns: ExtraColumns
-    gain: Gain
-    choice: float
-    """Price of the search: the logarithm of how many shapes and places were looked at."""
-    values: Mapping[str, float]
-    plausible: bool
-    shapes: int
-    """Shapes that were tried."""
-    forms: tuple[tuple[float, ...], ...] = ()
-    """The best shape of every form: of every combination of the shapes that are a choice (an exponent, a partner)."""
-
-    @property
-    def key(self) -> tuple[str, int]:
-        """Effect name and joint."""
-        return self.effect.name, self.effect.joint
-
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """What the forms of one effect are ordered by."""
-        return self.plausible, self.gain.whole - self._price(self.gain.count)
-
-    @property
-    def price(self) -> float:
-        """What its parameters and the search cost."""
-        return self._price(self.gain.count * self.gain.share)
-
-    def _price(self, equations: float) -> float:
-        free = self.gain.width + len(self.effect.shape)
-        return 0.5 * free * float(np.log(max(equations, 2.0))) + self.choice
-
-    @property
-    def net(self) -> float:
-        """Gain in log-likelihood minus the price of its parameters and of the search."""
-        return self.gain.likelihood - self.price
-
-    @property
-    def most(self) -> float:
-        """The most that `net` can be, whatever share of the equations is independent: in it, it is convex."""
-        shares = (LEAST_SHARE, 1.0)
-        return max(self.gain.whole * share - self._price(self.gain.count * share) for share in shares)
-
-    def merit(self, share: float) -> float:
-        """Net gain with `share` of the instants counted: candidates for one residual are compared at the same share.
-
-        What a candidate leaves over tells how many instants are independent. If that is noise whose colour the sensors
-        do not explain, the best candidate is the one that shows it, and must not be punished for it.
-        """
-        return self.gain.whole * share - self.price
-
-    @property
-    def supported(self) -> bool:
-        """Whether data that did not fit it support it."""
-        if self.effect.local and self.net <= NET_UNSEEN:
-            return False
-        alone = self.effect.local and int(self.gain.acting.sum()) < 2
-        return self.plausible and (alone or validated(self.gain))
-
-    @property
-    def size(self) -> int:
-        """Number of free parameters: amplitudes, and shapes that are refined."""
-        return self.gain.width + sum(1 for p in self.effect.shapes if not p.fixed)
-
-
-def validated(gain: Gain) -> bool:
-    """Whether columns help in all but one of the folds in which they act, each predicted from the others."""
-    acting = gain.acting
-    won = int(np.sum(gain.folds[acting] > 0))
-    return won >= max(int(acting.sum()) - FOLDS_LOST, 1) and float(np.sum(gain.folds)) > 0
 
 
 def screen(
@@ -254,7 +175,7 @@ def _best_shapes(state: State, places: Sequence[tuple[type[Effect], int]], group
             if gain is None:
                 continue
             candidate = _candidate(state, effect, extra, gain, looks, groups)
-            form = tuple(value for k, value in enumerate(effect.shape) if _whole(kind, k))
+            form = form_of(effect)
             if form not in best or candidate.rank > best[form].rank:
                 best[form] = candidate
         order = sorted(best.values(), key=lambda c: c.rank, reverse=True)
@@ -286,6 +207,16 @@ def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
     found = [_refined(state, c, groups) for c in (candidate, *starts) if c is not None]
     best = max(found, key=lambda c: c.rank)
     return _settled([replace(best, plausible=best.plausible and not _beyond(state, best, groups))])[0]
+
+
+def refined(state: State, candidate: Candidate) -> Candidate:
+    """Return a candidate with its positive shapes refined, in its own form."""
+    return _settled([_refined(state, candidate, 1)])[0]
+
+
+def form_of(effect: Effect) -> tuple[float, ...]:
+    """Return the shapes of an effect that are a choice: its form."""
+    return tuple(value for k, value in enumerate(effect.shape) if _whole(type(effect), k))
 
 
 def _beyond(state: State, candidate: Candidate, groups: int) -> bool:

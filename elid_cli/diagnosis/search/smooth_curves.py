@@ -5,7 +5,8 @@ from __future__ import annotations
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.residuals import HIGH
 from elid_cli.diagnosis.search.acceptance import predicted_better
-from elid_cli.diagnosis.search.screening import Candidate, score
+from elid_cli.diagnosis.search.candidate import Candidate
+from elid_cli.diagnosis.search.screening import score
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.kinds import CurveEffect, CurveRows

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from elid_cli.diagnosis.fit.state import State
+from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
-from elid_cli.diagnosis.search.screening import Candidate
 
 
 @dataclass(frozen=True)

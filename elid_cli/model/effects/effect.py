@@ -150,8 +150,7 @@ class Effect(ABC):
     searched: ClassVar[bool] = True
     """Whether a diagnosis tries the effect by itself."""
     corrects: ClassVar[Channel | None] = None
-    """The channel that is late by the first parameter, s: once known it is moved in time, so that nothing of higher
-    order is left for another effect to explain. One effect per channel."""
+    """The channel that is late by the first parameter, s: once known it is moved in time. One effect per channel."""
     turns_gravity: ClassVar[bool] = False
     """Whether the amplitudes are angles by which gravity is turned in the model itself, once known. One effect."""
     nuisance: ClassVar[Nuisance | None] = None
@@ -159,14 +158,15 @@ class Effect(ABC):
     in_deflection: ClassVar[Literal["velocity", "constant", ""]] = ""
     """What it adds to the deflection as two encoders show it: a multiple of the link's velocity, a constant. Such
     faults hide behind one another and imitate physics: they are tried together before, and judged in the positions."""
+    usual_first: ClassVar[bool] = False
+    """Whether the grid holds the forms in the order of their use: of equals the first is named."""
     always_fitted: ClassVar[str] = ""
     """Why the effect stays in the model where part of the log speaks against naming it; empty: it does not stay."""
     members: ClassVar[Mapping[str, Member]] = {}
     """Nested members of a family, the simplest first, by their published names; see `friction_family`."""
     acts_as: ClassVar[Literal["", "torque", "friction", "directed friction"]] = ""
-    """What it is to a simulator that lacks it and applies it from its parameters (docs/how-to/mujoco_effects.py): a
-    torque; dry friction of a size; dry friction of unlike sizes forwards and backwards, which simulators do not know
-    and apply as a torque; empty: nothing that can be applied. Dry friction of a motor holds its joint at rest."""
+    """What a simulator that lacks it applies by its parameters (docs/how-to/mujoco_effects.py): a torque; dry friction,
+    which holds a joint at rest; that of unlike sizes forwards and backwards, as a torque; empty: nothing."""
     softens: ClassVar[bool] = False
     """Whether its amplitude is a part of the Coulomb friction that, in place of holding the joint, fades in over the
     first shape and acts ahead by the second, s (`elid_cli.model.drives.Fading`)."""

@@ -99,6 +99,7 @@ def _effect_payload(contribution: Contribution, *, certain: bool, also: str) -> 
         **picked(effect, "effect joint parameters std_error gain"),
         "certain": certain,
         **picked(effect, "summary folds quarters local collocated"),
+        "forms": [{**picked(form, "parameters behind"), "moved": dict(form.moved)} for form in effect.forms],
         "error": {
             "joint": contribution.joint,
             "rows": contribution.rows,

@@ -10,6 +10,7 @@ from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import Organised
 from elid_cli.diagnosis.residuals import words as where_words
+from elid_cli.diagnosis.result import OtherForm
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.estimation.judgement import EQUATIONS, JointError
 from elid_cli.model.effects import effect_classes
@@ -17,7 +18,7 @@ from elid_cli.report.answers import missing
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.error_tables import LIGHTS, SIDE_NOTES, torque_unit
 from elid_cli.report.answers.inputs import effect_text
-from elid_cli.report.answers.summary import AT_FLOOR, light, share_text
+from elid_cli.report.answers.summary import AT_FLOOR, light, listed, share_text
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -47,6 +48,8 @@ SIZE_ONLY = ": the residual is "
 """What a line of the triage has that says nothing but how large a residual is, as the list of what is left does."""
 ADDED = "All values are those with what is missing added to the model."
 SAME = "does as well: this log cannot tell it apart"
+FORM_NAMES = 4
+"""Parameters that are named of those that another form of an effect moves."""
 
 
 def residual_table(found: Diagnosis) -> Table:
@@ -122,6 +125,7 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         fit = "a poor fit: " if joint in poor else ""
         own = missing.own_elasticity(found, c.effect)
         meaning = fit + _meaning_of(robot, [term.effect for term in terms]) + (f". {own}" if own else "")
+        meaning += "".join(f"; {_form_words(robot, c.effect, form)}" for form in c.effect.forms)
         meanings.append((missing.whose(name, joint), meaning))
     note = (
         "held-out error: without the effect, everything else fitted again → with it, on stretches that no fit saw; "
@@ -158,6 +162,16 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
     absent = [p.name for p in effect_classes()[effect.effect].amplitudes if p.name not in effect.parameters]
     if absent:
         text += f"; taken as 0: {', '.join(absent)}, which this motion shows in sums with the others only"
+    return text
+
+
+def _form_words(robot: Robot, effect: FoundEffect, form: OtherForm) -> str:
+    """Return the values of an effect in another form, and what it then makes of the parameters."""
+    values = effect_text(robot, effect.effect, effect.joint, form.parameters, {})
+    text = f"{values} would explain this log as well"
+    if form.moved:
+        told = listed([f"{name} {number_text(value, 3)}" for name, value in form.moved[:FORM_NAMES]])
+        text += f", and make {told}: standard errors include that"
     return text
 
 

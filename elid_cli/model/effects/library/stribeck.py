@@ -43,6 +43,7 @@ class Stribeck(Effect):
     place = "motor"
     takes_energy = True
     of_motor_speed = True
+    usual_first = True
     acts_as = "friction"
     amplitudes = (Parameter("amplitude", "N·m", "friction beyond Coulomb and viscous, at zero speed"),)
     shapes = (
