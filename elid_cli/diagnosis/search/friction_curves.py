@@ -15,10 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Progress
-from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.by_collocation import Collocated, collocated, possible
-from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Found, Term
 from elid_cli.estimation.collocation.starts import values_of
 from elid_cli.model.effects.effect import Effect, Shapes
@@ -40,8 +38,8 @@ NET = 60.0
 """Gain in log-likelihood that the whole curve needs on the held-out stretches."""
 SHOWN = 5.0
 """Standard errors, at the shapes that were found, by which the amplitude of a term must differ from 0."""
-APPEARING = 2.0
-"""The same with all else unknown, its shapes apart."""
+RESOLVED = 3.0
+"""Samples, by the speed that the motor gains in one, within which a term may not fade."""
 LABEL = "collocation: whole friction curves"
 
 
@@ -218,15 +216,14 @@ def _told(found: Found, alone: Collocated, whole: Collocated, curves: Mapping[in
 
 
 def _real(state: State, before: State, terms: Sequence[int]) -> bool:
-    """Whether terms are those of a friction, with amplitudes that show, and no parameter is impossible for them.
+    """Whether terms are resolved by the log, and no parameter is impossible for them.
 
     Splines round off the jump of friction at a reversal. A term that fades within a few samples of it, or two that
     cancel but there, take that up.
     """
     for k in terms:
-        values, errors = state.named(k), standard_errors(state, k)
-        if not sensible(state.effects[k], state.scene, values):
-            return False
-        if any(abs(values[p.name]) < APPEARING * errors.get(p.name, 0.0) for p in state.effects[k].amplitudes):
+        effect = state.effects[k]
+        gained = float(np.median(np.abs(np.diff(state.scene.motion.dtheta[:, effect.joint]))))
+        if effect.of_motor_speed and effect.shape[0] < RESOLVED * gained:
             return False
     return not state.impossible - before.impossible

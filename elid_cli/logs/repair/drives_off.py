@@ -70,11 +70,11 @@ def drives_off(
 def _stops(signals: Mapping[str, Array], torque: Array, grid: Grid) -> list[tuple[int, int]]:
     """Return the stretches (start, stop) with the drives off."""
     length = max(FEWEST, round(SHORTEST / grid.dt))
-    faint, usual = _sizes(torque, grid)
-    glance = torque[::length].copy()  # every run holds one of these samples
-    let_go(torque)
-    if not np.isfinite(faint).any() or not _without(glance, faint).any():
+    rms = _rms(torque)
+    glance = torque[::length]  # every stretch holds one of these samples
+    if not np.isfinite(rms).any() or not _runs(_without(torque, LOUDEST * rms, glance), grid, length):
         return []
+    faint, usual = _sizes(torque, rms, grid)
     runs = _runs(_without(torque, faint), grid, length)
     if not runs or sum(stop - start for start, stop in runs) == grid.samples:
         return []
@@ -90,16 +90,21 @@ def _stops(signals: Mapping[str, Array], torque: Array, grid: Grid) -> list[tupl
     return sorted([*resting, *(stopped if len(stopped) <= MOST else [])])
 
 
-def _sizes(torque: Array, grid: Grid) -> tuple[Array, Array]:
-    """Return the torque of every joint that counts as none, and its usual step; NaN where a joint has no torque."""
+def _rms(torque: Array) -> Array:
+    """Return the rms of every joint's torque, (n,); NaN where a joint has none."""
     rows = np.nan_to_num(torque[:: max(1, len(torque) // LOOKED_AT)])
     let_go(torque)
     rms = np.sqrt(np.mean(rows**2, axis=0))
     rms[~(rms > 0)] = np.nan
+    return np.asarray(rms)
+
+
+def _sizes(torque: Array, rms: Array, grid: Grid) -> tuple[Array, Array]:
+    """Return the torque of every joint that counts as none, and its usual step; NaN where a joint has no torque."""
     start, stop = max(grid.bounds(), key=lambda bounds: bounds[1] - bounds[0])
     part = np.nan_to_num(torque[start : min(stop, start + LOOKED_AT)])
     lag = _edge(grid)
-    if len(part) < 4 * lag or not np.isfinite(rms).any():
+    if len(part) < 4 * lag:
         return np.full_like(rms, np.nan), rms
     # third differences of white noise are sqrt(20) times as large, those of a motion are next to nothing
     noise = np.median(np.abs(np.diff(part, 3, axis=0)), axis=0) / (0.6745 * np.sqrt(20.0))
@@ -109,12 +114,16 @@ def _sizes(torque: Array, grid: Grid) -> tuple[Array, Array]:
     return faint, usual
 
 
-def _without(torque: Array, faint: Array) -> NDArray[np.bool_]:
-    """Return where no joint has any torque, (N,)."""
+def _without(torque: Array, faint: Array, glance: Array | None = None) -> NDArray[np.bool_]:
+    """Return where no joint has any torque, (N,); nowhere where that is so of no sample of a `glance`."""
     counted = np.isfinite(faint)
-    least = np.where(counted, faint, np.inf)
-    marks = [np.all((np.abs(block) <= least) | ~counted, axis=1) for block in passed(torque)]
-    return np.concatenate(marks)
+    if not counted.any() or (glance is not None and not _none(glance, faint, counted).any()):
+        return np.zeros(0, dtype=bool)
+    return np.concatenate([_none(block, faint, counted) for block in passed(torque)])
+
+
+def _none(torque: Array, faint: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(torque[:, counted]) <= faint[counted]).all(axis=1))
 
 
 def _runs(marked: NDArray[np.bool_], grid: Grid, length: int) -> list[tuple[int, int]]:
