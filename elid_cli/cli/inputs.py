@@ -58,8 +58,9 @@ def mapping_of(reading: Reading, *, others: bool = False) -> dict[str, Any] | No
     if others:
         mapping.pop(KEY, None)
     elif reading.leave_out:
-        mapping[KEY] = [*mapping.get(KEY, ()), *map(list, reading.leave_out)]
-    left_out_of(mapping, len(click.get_current_context().params.get("logs") or ()))
+        mapping[KEY] = list(map(list, (*left_out_of(mapping, 1), *reading.leave_out)))
+    given = click.get_current_context().params
+    left_out_of(mapping, len(given.get("logs") or given.get("recordings") or ()))
     return mapping or None
 
 

@@ -130,7 +130,7 @@ def _reading_words(given: Mapping[str, Any]) -> list[str]:
         if value is not None and "logs" in given:  # of simulate they are the controller's
             numbers = value if isinstance(value, list | tuple) else [value]
             options += [f"--{name}", ",".join(f"{number:.12g}" for number in numbers)]
-    options += [w for start, stop in given.get("leave_out") or () for w in ("--leave-out", f"{start:g}:{stop:g}")]
+    options += [w for start, stop in given.get("leave_out") or () for w in ("--leave-out", f"{start:.12g}:{stop:.12g}")]
     if given.get("rate") is not None and "logs" in given:
         options += ["--rate", f"{given['rate']:.12g}"]
     return options

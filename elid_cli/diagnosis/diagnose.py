@@ -203,7 +203,7 @@ def diagnose_torque(
         except KeyboardInterrupt:
             found = replace(found, partial=True)
     found = with_usual_forms(found, known)
-    forms = {} if found.partial else other_forms(found, known)
+    forms = other_forms(found, known)
     named, curves = found.after, list[Effect]()
     if options.lookup and not found.partial:
         found, curves = _with_curves(found)

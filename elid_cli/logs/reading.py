@@ -111,7 +111,7 @@ def read_recording(
         source = open_source(path, None if progress is None else _part_of(progress, index, len(paths)))
         sources.append(source)
         opened = recognise(source).open(source)
-        left_out_of(mapping, len(opened))
+        left_out_of(mapping, len(opened), "episodes of a file")
         for raw in opened:
             parts.append(_read(raw, _part_name(source, raw), index, options))
     if not parts:
@@ -319,6 +319,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         warnings=(*unique_notices(said["warnings"]), *repeated(files, sha256)),
         sources=places,
         bridged=tuple(bridged),
+        parts=len(parts),
     )
 
 

@@ -83,6 +83,8 @@ class Recording(Shown):
     """Signal name -> where it was read from, for reports."""
     bridged: tuple[tuple[str, int, Array], ...] = ()
     """Signal, joint and the times, s, shape (K,), of samples that were missing or broken and are interpolated."""
+    parts: int = 1
+    """Logs, or episodes of them, whose times `t` joins."""
 
     def signal(self, name: str) -> Array | None:
         """Return a signal or command by its name, shape (N, n), or None where the log has none."""

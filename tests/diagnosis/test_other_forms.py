@@ -57,7 +57,7 @@ def test_the_other_law_stands_in_the_report_and_in_json(tied: Told) -> None:
     )
     report = diagnosis_report(told_)
     text = " ".join(formats.render(report, "terminal", formats.Style(width=400)).split())
-    assert "exponent -1 would explain this log as well, and make fs2" in text
+    assert "exponent -1 would explain this log about as well, and make fs2" in text
     (payload,) = json.loads(formats.render(report, "json", formats.Style()))["effects"]
     assert payload["forms"][0]["parameters"]["exponent"] == -1.0
     assert set(payload["forms"][0]["moved"]) >= {"fs2"}

@@ -82,6 +82,7 @@ def test_a_diagnosis_tells_the_moment_that_no_effect_explains(
     log = faulty(tmp_path / "log.h5", frozen)
     _, said = told(capsys, "diagnose", log)
     assert ADVICE.search(said) is not None
+    assert "Look first at" not in said  # the motor is not to blame for all of the log
     _, said = told(capsys, "diagnose", log, "--leave-out", "5.9:6.5")
     assert "Nothing: only the sensors' noise is left" in said
 
@@ -111,8 +112,53 @@ def test_a_moment_is_where_it_is_whatever_is_masked_around_it() -> None:
         assert moment[1] - moment[0] < 1.0
     quiet = generator.normal(size=t.size)
     assert moment_of(quiet, np.zeros(t.size, dtype=bool), t, 1.0) is None
-    use = np.abs(t - 6) > 5.7  # a part that is mostly masked is no moment: it may last for all of that
-    assert moment_of(50 * np.exp(-(((t - 6) / 5.8) ** 8)), use, t, 0.1) is None
+
+
+def test_what_lasts_is_no_moment() -> None:
+    t = np.arange(600) / 50
+    burst = np.where(np.abs(t - 6) < 0.2, 50.0, 0.1)
+    every = np.ones(t.size, dtype=bool)
+    assert moment_of(burst, every, t, 0.1) is not None
+    masked = every & ~((t > 5.9) & (t < 8.5))  # it may last for all of what is masked within
+    edges = np.where((np.abs(t - 5.85) < 0.05) | (np.abs(t - 8.5) < 0.05), 50.0, 0.1)
+    assert moment_of(edges, masked, t, 0.1) is None
+    long = np.arange(60_000) / 100
+    assert moment_of(np.where(np.abs(long - 300) < 12, 50.0, 0.1), np.ones(long.size, dtype=bool), long, 0.1) is None
+
+
+def test_what_is_left_beyond_noise_counts() -> None:
+    t = np.arange(600) / 50
+    every, generator = np.ones(t.size, dtype=bool), np.random.default_rng(2)
+    noise = generator.normal(size=t.size)
+    burst = noise + np.where(np.abs(t - 6) < 0.2, 6.0, 0.0)  # 20 of 600 instants: about half of all squares
+    assert moment_of(burst, every, t, 1.0) is not None
+    assert moment_of(burst, every, t, 0.0) is None
+    half = noise + np.where(np.abs(t - 6) < 0.2, 20.0, 0.0) + np.where(np.abs(t - 10) < 0.2, 20.0, 0.0)
+    assert moment_of(half, every, t, 1.0) is None  # two moments
+
+
+def test_validate_tells_a_moment_beside_other_values(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    log = faulty(tmp_path / "log.h5", late)
+    assert main(["validate", str(log), "--robot", "planar2"]) == 0
+    assert ADVICE.search(" ".join(capsys.readouterr().out.split())) is not None
+
+
+def test_no_option_is_printed_that_elid_would_refuse(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    log = faulty(tmp_path / "log.h5", pushed)
+    reduced, episodes = tmp_path / "log.npz", tmp_path / "episodes.h5"
+    assert main(["reduce", str(log), "--robot", "planar2", "-o", str(reduced)]) == 0
+    capsys.readouterr()
+    with h5py.File(log) as one, h5py.File(episodes, "w") as file:
+        file.attrs["joint_names"] = one.attrs["joint_names"]
+        for number in range(2):
+            for name in ("t", "q", "theta", "tau"):
+                file[f"episode_{number}/{name}"] = one[name][()]
+    for other in (reduced, episodes):
+        _, said = told(capsys, "identify", other)
+        assert not said.startswith("what is missing? Nothing")
+        assert "--leave-out" not in said
+        assert main(["identify", str(other), "--robot", "planar2", "--leave-out", "6:7"]) == 2
+        assert "left out of a reduced log" in (message := capsys.readouterr().err) or "of 2 episodes" in message
 
 
 def row(joint: str, ratio: float, moment: tuple[float, float] | None) -> RowNoise:

@@ -134,7 +134,8 @@ def test_torque_that_is_zero_by_the_motions_own_making_stays(
 def test_a_start_and_pauses_with_brakes_are_left_out() -> None:
     t = np.arange(8000) / RATE
     still = (t < 1.0) | (np.abs(t - 7.0) < 0.4) | (t > 15.0)
-    moved = np.cumsum(~still) / RATE
+    held = (t < 1.2) | (np.abs(t - 7.0) < 0.6) | (t > 14.8)  # the drives hold the robot before and after
+    moved = np.cumsum(~held) / RATE
     tau = np.stack([np.where(still, 0.0, 6 + wave(moved)), np.where(still, 0.0, 2 + np.cos(2 * moved))], axis=1)
     place = np.stack([np.sin(1.1 * moved), np.cos(0.9 * moved)], axis=1)
     stay, (said,) = kept(tau, place)
@@ -153,3 +154,70 @@ def test_one_joint_without_torque_is_no_stop() -> None:
     stay, said = kept(tau, place)
     assert stay.all()
     assert said == []
+
+
+def test_rests_that_need_no_torque_stay() -> None:
+    """Point to point in a horizontal plane: torque comes with the motion, and nothing holds the robot between."""
+    t = np.arange(8000) / RATE
+    inside = t % 1.3
+    pace = np.interp(inside, [0, 0.25, 0.75, 1.0], [0, 1, 1, 0]) * np.where(t % 2.6 < 1.3, 1, -1)
+    tau = np.gradient(pace, t) * 1.5 + 0.9 * np.sign(pace) * (np.abs(pace) > 0)
+    stay, said = kept(tau[:, None], (np.cumsum(pace) / RATE)[:, None])
+    assert stay.all()
+    assert said == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-4])
+def test_a_joint_that_stands_all_the_time_does_not_hide_a_stop(noise: float) -> None:
+    robot = arm()
+    t, q, dq, ddq = motion(1.0)
+    q[:, 1], dq[:, 1], ddq[:, 1] = 0.3, 0.0, 0.0
+    tau = torques(robot, q, dq, ddq)
+    off = (t > STOP) & (t < STOP + BRAKING + 1.0)
+    shaken = q + noise * np.random.default_rng(3).normal(size=q.shape)
+    stay, said = kept(np.where(off[:, None], 0.0, tau), shaken)
+    assert not stay[off].any()
+    assert len(said) == 1
+
+
+def test_a_torque_that_is_zero_while_the_robot_moves_on_stays() -> None:
+    robot = arm()
+    t, q, dq, ddq = motion()
+    tau = torques(robot, q, dq, ddq)
+    off = (t > 5.0) & (t < 5.4)
+    stay, said = kept(np.where(off[:, None], 0.0, tau), q)
+    assert stay.all()
+    assert said == []
+
+
+@pytest.mark.parametrize(("noise", "offset"), [(0.0, 0.01), (0.03, 0.0), (0.0, 0.0)])
+def test_current_sensors_with_noise_or_an_offset_show_a_stop(noise: float, offset: float) -> None:
+    robot = arm()
+    t, q, dq, ddq = motion(1.0)
+    tau = torques(robot, q, dq, ddq)
+    off = (t > STOP) & (t < STOP + BRAKING + 1.0)
+    size = np.sqrt(np.mean(tau**2, axis=0))
+    read = np.where(off[:, None], 0.0, tau) + size * (offset + noise * np.random.default_rng(4).normal(size=tau.shape))
+    read[np.argmax(off) + 40] += 0.3 * size  # a sample of its own
+    stay, said = kept(read, q)
+    assert not stay[off].any()
+    assert len(said) == 1
+
+
+def test_a_torque_that_fades_to_nothing_is_no_stop() -> None:
+    t = np.arange(6000) / RATE
+    fades = np.clip((6.0 - t) / 2.0, 0, 1)
+    tau = 5.0 * fades + 0.2 * fades * np.sin(9 * t)
+    stay, said = kept(tau[:, None], np.cumsum(fades * np.sin(1.1 * t))[:, None] / RATE)
+    assert stay.all()
+    assert said == []
+
+
+def test_a_side_with_a_hole_in_the_middle_is_no_standing_robot() -> None:
+    t = np.arange(6000) / RATE
+    off = np.abs(t - 6) < 0.3
+    place = np.sin(1.1 * t)
+    place[2990:3010] = np.nan
+    tau = np.where(off, 0.0, 6 + wave(t))
+    stay, _ = kept(tau[:, None], place[:, None])
+    assert stay.all()

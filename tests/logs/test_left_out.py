@@ -50,6 +50,7 @@ def test_two_ways_of_asking_are_one(tmp_path: Path, capsys: pytest.CaptureFixtur
         (["--map", "leave_out: [6, 7]"], "expected a start and an end"),
         (["--map", "leave_out: [[7, 6]]"], "no part of a log"),
         (["--map", "leave_ou: [[6, 7]]"], "leave_out"),
+        (["--map", "leave_out: {from: a}", "--leave-out", "6:7"], "expected a start and an end"),
     ],
 )
 def test_what_cannot_be_left_out_is_said(capsys: pytest.CaptureFixture[str], more: list[str], words: str) -> None:
@@ -76,3 +77,16 @@ def test_nothing_is_left_out_of_other_logs(tmp_path: Path, capsys: pytest.Captur
     captured = capsys.readouterr()
     assert len(json.loads(captured.out)["checks"]) == 1
     assert captured.err.count("left out as asked") == 1
+
+
+def test_a_robot_file_leaves_nothing_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = tmp_path / "arm.yaml"
+    text = (Path(__file__).parents[2] / "robots" / "planar2.yaml").read_text("utf-8")
+    robot.write_text(f"{text}\nlog:\n  leave_out: [[6, 7]]\n", "utf-8")
+    assert main(["identify", LOG, "--robot", str(robot)]) == 2
+    assert "is of one log, not of a robot" in capsys.readouterr().err
+
+
+def test_recordings_of_a_trend_are_several_logs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["trend", LOG, LOG, LOG, "--robot", "planar2", "--leave-out", "6:6.4"]) == 2
+    assert "of 3 logs" in capsys.readouterr().err

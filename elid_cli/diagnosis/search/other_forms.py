@@ -41,8 +41,10 @@ def with_usual_forms(found: Found, declared: int) -> Found:
     """
     state, steps = found.after, list(found.steps)
     for number in _chosen(found, declared):
+        if not type(state.effects[number]).usual_first:
+            continue
         own, others = _forms(state, number)
-        if own is None or not type(state.effects[number]).usual_first:
+        if own is None:
             continue
         order = _order(state, number)
         place = order.index(form_of(own.effect))
@@ -78,10 +80,13 @@ def other_forms(found: Found, declared: int) -> dict[int, tuple[OtherForm, ...]]
 
 
 def _chosen(found: Found, declared: int) -> Iterator[int]:
-    """Yield the numbers of the effects whose form was a choice, and is not one of a curve of several terms."""
-    effects = found.after.effects
+    """Yield the numbers of the effects whose form was a choice, and is not one of a curve of several terms.
+
+    None of a model that a collocation fitted: the fits of other forms would not be comparable.
+    """
+    effects = found.after.effects if found.after.known is None and not found.partial else ()
     places = [(e.name, e.joint) for e in effects]
-    for number in range(declared, declared + len(found.steps)):
+    for number in range(declared, min(declared + len(found.steps), len(effects))):
         alone = places.count(places[number]) == 1 and number not in found.terms
         if alone and len(form_of(effects[number])) > 0:
             yield number

@@ -181,17 +181,11 @@ def _told(said: Judgement | None) -> dict[str, Any] | None:
     return {**lists, "biased": said.biased.tolist()}
 
 
-def _span(told: Any) -> tuple[float, float] | None:
-    if told is None:
-        return None
-    need(len(told) == 2 and all(np.isfinite(told)), "its moments are no times")
-    return float(told[0]), float(told[1])
-
-
 def _heard(told: dict[str, Any] | None, joints: Sequence[str]) -> Judgement | None:
     if told is None:
         return None
-    noise = tuple(RowNoise(**{**item, "moment": _span(item.get("moment"))}) for item in told["noise"])
+    # a moment cannot be left out of what is reduced already
+    noise = tuple(RowNoise(**{**item, "moment": None}) for item in told["noise"])
     lacking = tuple(Insufficient(**item) for item in told["insufficient"])
     places = [*((i.joint, i.rows, i.ratio) for i in noise), *((i.joint, i.rows, i.ratio) for i in lacking)]
     need(all(j in joints and r in ROWS and np.isfinite(x) for j, r, x in places), "it judges no row of it")

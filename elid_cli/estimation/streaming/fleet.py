@@ -150,9 +150,14 @@ def reduced_logs(request: LogRequest) -> list[ReducedLog]:
     from elid_cli.logs.mapping.left_out import left_out_of
     from elid_cli.robot.text import text_of
 
-    left_out_of(request.mapping, len(request.logs))
+    spans = left_out_of(request.mapping, len(request.logs))
     wish, text = asked_of(request.signals), text_of(request.robot)
     stored = {log: read_triangles(log) for log in request.logs if is_triangle_file(log)}
+    if stored and spans:
+        name = next(iter(stored))
+        raise UsageError(
+            f"{name}: nothing can be left out of a reduced log", hint="elid reduce the log with --leave-out"
+        )
     jobs = [
         Job(log, text, request.robot.name, request.mapping, request.strict, request.time, wish)
         for log in request.logs

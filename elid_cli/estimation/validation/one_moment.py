@@ -13,6 +13,8 @@ from elid_cli._types import Array
 
 SHORT = 0.05
 """Share of a row's instants that is a moment."""
+LONGEST = 5.0
+"""s that it lasts at most: a stop, a collision, a channel that hangs."""
 MOST = 0.6
 """Share of what is left beyond noise that must lie in it; of residuals of models that lack an effect up to 0.3 does."""
 CORE = 0.95
@@ -47,7 +49,7 @@ def moment_of(residual: Array, use: NDArray[np.bool_], t: Array, floor: float) -
     first = int(np.argmax(inside))
     own = inside[first]
     lasts = times[first + width - 1] - times[first]
-    if not own > MOST * beyond or lasts > 2 * SHORT * (times[-1] - times[0]):
+    if not own > MOST * beyond or lasts > min(2 * SHORT * (times[-1] - times[0]), LONGEST):
         return None
     edge = (1 - CORE) / 2 * own
     part = sums[first : first + width + 1] - sums[first]

@@ -165,7 +165,7 @@ def _judged_rows(
 ) -> _Seen:
     """Judge the residual of every row; `own` returns the columns of a row that the model could take it with."""
     robot = observation.robot
-    alone = signals.recording is None or len(signals.recording.files) < 2  # else times are of no log
+    alone = signals.recording is None or signals.recording.parts == 1  # else times are of no log
     said = _Seen([], [], [], {})
     for group in observation.independent:
         row, use = group.row, group.use if chosen is None else group.use & chosen

@@ -136,7 +136,9 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
         if name == LONG:
             parse_long(spec, where)
             continue
-        if name == LEFT_OUT and where == "--map":  # a robot file cannot know of which log
+        if name == LEFT_OUT:
+            if where != "--map":
+                raise UsageError(f"{where}: {LEFT_OUT} is of one log, not of a robot", hint="--leave-out START:STOP")
             parse_left_out(spec, where)
             continue
         entry = _entry(name, spec, where)

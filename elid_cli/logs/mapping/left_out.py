@@ -34,8 +34,8 @@ def parse_left_out(entry: Any, where: str) -> Spans:
     return tuple(spans)
 
 
-def left_out_of(mapping: Mapping[str, Any] | None, logs: int) -> Spans:
-    """Return the spans that the mapping of some logs leaves out.
+def left_out_of(mapping: Mapping[str, Any] | None, logs: int, what: str = "logs") -> Spans:
+    """Return the spans that the mapping of some logs leaves out; `what` they are.
 
     Raises
     ------
@@ -45,8 +45,8 @@ def left_out_of(mapping: Mapping[str, Any] | None, logs: int) -> Spans:
     spans = parse_left_out(mapping[KEY], "--map") if mapping and KEY in mapping else ()
     if spans and logs > 1:
         raise UsageError(
-            f"parts to leave out of {logs} logs",
+            f"parts to leave out of {logs} {what}",
             detail="their times are those of one log",
-            hint="elid reduce each of them with its own --leave-out, then identify what was reduced",
+            hint="elid reduce each of them, from a file of its own, with its own --leave-out, then identify all",
         )
     return spans

@@ -35,6 +35,10 @@ PACE = 0.05
 """s over which a joint at rest moves a small part of what it moves elsewhere …"""
 STILL = 0.03
 """… at most this much of it."""
+BESIDE_NOISE = 8.0
+"""The same in standard deviations of the positions' noise."""
+FEW = 200
+"""Samples that tell which side of a joint is known."""
 LONGEST = 1.0
 """s that brakes take at most: what moves for longer without torque swings."""
 MOST = 3
@@ -62,7 +66,7 @@ def drives_off(
     more = f" and {len(spans) - MOST} more times" if len(spans) > MOST else ""
     repairs.append(
         f"no joint has any torque for {', '.join(spans[:MOST])}{more}, where the robot comes to rest or stands: taken "
-        "as drives that are off and brakes, left out"
+        "as a stop by brakes with the drives off, left out"
     )
     return known
 
@@ -74,20 +78,21 @@ def _stops(signals: Mapping[str, Array], torque: Array, grid: Grid) -> list[tupl
     glance = torque[::length]  # every stretch holds one of these samples
     if not np.isfinite(rms).any() or not _runs(_without(torque, LOUDEST * rms, glance), grid, length):
         return []
-    faint, usual = _sizes(torque, rms, grid)
-    runs = _runs(_without(torque, faint), grid, length)
-    if not runs or sum(stop - start for start, stop in runs) == grid.samples:
-        return []
-    runs = [run for run in runs if _sudden(torque, run, usual, grid)]
+    faint, least = _sizes(torque, rms, grid)
     places = _positions(signals)
+    runs = [run for run in _runs(_without(torque, faint), grid, length) if _sudden(torque, run, least, grid)]
     if not runs or not places:
         return []
     far = _pace(places, grid)
-    judged = [(run, _moving(places, run, far, grid)) for run in runs]
     within = round(LONGEST / grid.dt)
-    resting = [run for run, moves in judged if moves == 0]
-    stopped = [run for run, moves in judged if 0 < moves <= within]
-    return sorted([*resting, *(stopped if len(stopped) <= MOST else [])])
+    held, stopped = list[tuple[int, int]](), list[tuple[int, int]]()
+    for run in runs:
+        moves = _moving(places, run, far, grid)
+        if moves == 0 and any(_stands(places, row, far, grid) for row in _sudden(torque, run, least, grid)):
+            held.append(run)
+        elif 0 < moves <= within:
+            stopped.append(run)
+    return sorted([*held, *(stopped if len(stopped) <= MOST else [])])
 
 
 def _rms(torque: Array) -> Array:
@@ -100,7 +105,10 @@ def _rms(torque: Array) -> Array:
 
 
 def _sizes(torque: Array, rms: Array, grid: Grid) -> tuple[Array, Array]:
-    """Return the torque of every joint that counts as none, and its usual step; NaN where a joint has no torque."""
+    """Return the torque of every joint that counts as none, and that from which it falls away at once, (n,) each.
+
+    NaN where a joint has no torque.
+    """
     start, stop = max(grid.bounds(), key=lambda bounds: bounds[1] - bounds[0])
     part = np.nan_to_num(torque[start : min(stop, start + LOOKED_AT)])
     lag = _edge(grid)
@@ -111,7 +119,7 @@ def _sizes(torque: Array, rms: Array, grid: Grid) -> tuple[Array, Array]:
     faint = np.clip(NOISES * noise, FAINT * rms, LOUDEST * rms)
     usual = np.percentile(np.abs(part[lag:] - part[:-lag]), USUAL, axis=0)
     let_go(torque)
-    return faint, usual
+    return faint, faint + SUDDEN * usual
 
 
 def _without(torque: Array, faint: Array, glance: Array | None = None) -> NDArray[np.bool_]:
@@ -152,56 +160,75 @@ def _bounds_of(run: tuple[int, int], grid: Grid) -> tuple[int, int]:
     return next(bounds for bounds in grid.bounds() if bounds[0] <= run[0] < bounds[1])
 
 
-def _sudden(torque: Array, run: tuple[int, int], usual: Array, grid: Grid) -> bool:
-    """Whether the torque of some joint falls away at once at the start of a run, or comes back at its end.
+def _sudden(torque: Array, run: tuple[int, int], least: Array, grid: Grid) -> list[int]:
+    """Return the samples beside a run from which some joint's torque falls away at once, or to which it comes back.
 
     What begins and ends with its segment lasts for all of it.
     """
     first, last = _bounds_of(run, grid)
     lag = _edge(grid)
     outside = [row for row in (run[0] - lag, run[1] + lag - 1) if first <= row < last]
-    return any(bool(np.any(np.abs(torque[row]) > SUDDEN * usual)) for row in outside)
+    return [row for row in outside if bool(np.any(np.abs(torque[row]) > least))]
 
 
 def _positions(signals: Mapping[str, Array]) -> list[Array]:
-    """Return the columns of positions, one side of every joint."""
+    """Return the columns of positions, one side of every joint: that of which more is known."""
     sides = [signals[side] for side in ("theta", "q") if side in signals]
     if not sides:
         return []
-    known = [np.isfinite(side[len(side) // 2]) for side in sides]
-    columns = []
-    for joint in range(sides[0].shape[1]):
-        side = next((side for side, has in zip(sides, known, strict=True) if has[joint]), None)
-        if side is not None:
-            columns.append(side[:, joint])
-    return columns
+    known = [np.isfinite(side[:: max(1, len(side) // FEW)]).sum(axis=0) for side in sides]
+    best = np.argmax(known, axis=0)
+    return [sides[side][:, joint] for joint, side in enumerate(best) if known[side][joint]]
 
 
 def _pace(places: Sequence[Array], grid: Grid) -> Array:
-    """Return how far every joint moves in `PACE`, where it is fast."""
+    """Return how far every joint may move in `PACE` and still stand: of what it does where it is fast, and of noise."""
     start, stop = max(grid.bounds(), key=lambda bounds: bounds[1] - bounds[0])
     stop = min(stop, start + LOOKED_AT)
-    lag = min(max(FEWEST // 2, round(PACE / grid.dt)), stop - start - 1)
-    far = [np.nanpercentile(np.abs(p[start + lag : stop] - p[start : stop - lag]), 90) for p in places]
+    lag = _lag(start, stop, grid)
+    far = []
+    for place in places:
+        part = place[start:stop]
+        usual = np.nanpercentile(np.abs(part[lag:] - part[:-lag]), 90)
+        noise = np.nanmedian(np.abs(np.diff(part, 3))) / (0.6745 * np.sqrt(20.0))
+        far.append(max(STILL * usual, BESIDE_NOISE * noise))
     let_go(*places)
     return np.array(far)
 
 
+def _lag(start: int, stop: int, grid: Grid) -> int:
+    return min(max(FEWEST // 2, round(PACE / grid.dt)), stop - start - 1)
+
+
+def _moves(places: Sequence[Array], start: int, stop: int, far: Array, grid: Grid) -> NDArray[np.bool_]:
+    """Return from which samples of a part on some joint moves."""
+    lag = _lag(start, stop, grid)
+    moves = np.zeros(stop - start - lag, dtype=bool)
+    for place, still in zip(places, far, strict=True):
+        moves |= ~(np.abs(place[start + lag : stop] - place[start : stop - lag]) <= still)  # a hole tells nothing
+    let_go(*places)
+    return moves
+
+
 def _moving(places: Sequence[Array], run: tuple[int, int], far: Array, grid: Grid) -> int:
     """Return for how many samples of a run the robot moves; all of them where it does not come to rest."""
-    start, stop = run
-    lag = min(max(FEWEST // 2, round(PACE / grid.dt)), stop - start - 1)
-    moves = np.zeros(stop - start - lag, dtype=bool)
-    for place, usual in zip(places, far, strict=True):
-        if usual > 0:
-            moves |= np.abs(place[start + lag : stop] - place[start : stop - lag]) > STILL * usual
-    let_go(*places)
+    moves = _moves(places, *run, far, grid)
     at = np.flatnonzero(moves)
-    ends = stop == _bounds_of(run, grid)[1]
     if not at.size:
         return 0
-    rests = at[-1] + 1 < moves.size
-    return int(at[-1]) + lag if rests or ends else grid.samples
+    rests = at[-1] + 1 < moves.size or run[1] == _bounds_of(run, grid)[1]
+    return int(at[-1]) + _lag(*run, grid) if rests else grid.samples
+
+
+def _stands(places: Sequence[Array], row: int, far: Array, grid: Grid) -> bool:
+    """Whether the robot stands about a sample at which the drives have torque: there, they hold it, and brakes beside.
+
+    Torque that begins with the motion, from a rest that needs none, is no sign of brakes.
+    """
+    first, last = _bounds_of((row, row), grid)
+    lag = round(PACE / grid.dt)
+    part = max(first, row - lag), min(last, row + lag + 1)
+    return part[1] - part[0] > FEWEST // 2 + 1 and not _moves(places, *part, far, grid).any()
 
 
 def _widened(run: tuple[int, int], grid: Grid) -> tuple[int, int]:

@@ -154,7 +154,14 @@ def _trust_words(told: DiagnosisInput) -> str:
 def _moved_section(told: DiagnosisInput) -> list[Section]:
     """Return what holds of all parameters together: what the missing effects had moved, and how far the file is."""
     words = [tables.ADDED if told.contributions else ""]
-    moved = [m.name for m in told.found.moved if abs(m.deviations) > MOVED]
+    errors = {
+        item.name: item.std_error for item in told.after.parameters
+    }  # they reach to other forms of what was found
+    moved = [
+        m.name
+        for m in told.found.moved
+        if abs(m.deviations) > MOVED and abs(m.after - m.before) > MOVED * errors.get(m.name, 0.0)
+    ]
     if moved and not told.found.unexplained:
         words.append(f"Without it these are biased by more than {MOVED:g} standard errors: {some(moved)}.")
     if referenced(told.before):

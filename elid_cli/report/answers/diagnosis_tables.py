@@ -168,7 +168,7 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
 def _form_words(robot: Robot, effect: FoundEffect, form: OtherForm) -> str:
     """Return the values of an effect in another form, and what it then makes of the parameters."""
     values = effect_text(robot, effect.effect, effect.joint, form.parameters, {})
-    text = f"{values} would explain this log as well"
+    text = f"{values} would explain this log about as well"
     if form.moved:
         told = listed([f"{name} {number_text(value, 3)}" for name, value in form.moved[:FORM_NAMES]])
         text += f", and make {told}: standard errors include that"

@@ -14,7 +14,7 @@ from elid_cli.model.effects.declared import as_observed
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import error_table, log_table, sensor_table
 from elid_cli.report.answers.identification_json import error_payload, model_payload
-from elid_cli.report.answers.lacking import lacking_words, rows_words
+from elid_cli.report.answers.lacking import lacking_words, moment_words, rows_words
 from elid_cli.report.answers.summary import answers, trust_words
 from elid_cli.report.tree import KeyValues, Report, Section, Text
 from elid_cli.robot.robot import Robot
@@ -65,9 +65,8 @@ def validation_report(
 def _missing(said: Judgement, *, alone: bool) -> str:
     """Return what the described robot lacks: an effect, or other values of its parameters."""
     if said.misfitted and not said.insufficient:
-        return (
-            f"Perhaps nothing: other parameters, a delay or an offset would explain that {rows_words(said.misfitted)}."
-        )
+        rows, moment = rows_words(said.misfitted), moment_words(said.noise)
+        return f"Perhaps nothing: other parameters, a delay or an offset would explain that {rows}.{moment}"
     return lacking_words(said.model, said.insufficient, said.noise, alone=alone)
 
 
