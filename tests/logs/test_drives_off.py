@@ -221,3 +221,29 @@ def test_a_side_with_a_hole_in_the_middle_is_no_standing_robot() -> None:
     tau = np.where(off, 0.0, 6 + wave(t))
     stay, _ = kept(tau[:, None], place[:, None])
     assert stay.all()
+
+
+def test_every_stop_of_a_log_is_left_out() -> None:
+    t = np.arange(round(30 * RATE)) / RATE
+    pace = np.ones_like(t)
+    for at in (4, 9, 14, 19, 24):
+        pace = np.minimum(pace, np.interp(t, [at, at + 0.25, at + 1.0, at + 1.6], [1, 0, 0, 1], left=1, right=1))
+    off = np.any([(t > at) & (t < at + 1.0) for at in (4, 9, 14, 19, 24)], axis=0)
+    s = np.cumsum(pace) / RATE
+    tau = np.stack([6 + wave(s) + pace, 3 + np.cos(2 * s)], axis=1)
+    place = np.stack([np.sin(1.1 * s), np.cos(0.9 * s)], axis=1)
+    stay, (said,) = kept(np.where(off[:, None], 0.0, tau), place)
+    assert not stay[off].any()
+    assert np.count_nonzero(~stay) < 1.1 * np.count_nonzero(off)
+    assert "and 2 more times" in said
+
+
+def test_three_pulses_after_which_an_axis_coasts_to_rest_stay() -> None:
+    t = np.arange(round(10 * RATE)) / RATE
+    tau, speed = np.zeros_like(t), np.zeros_like(t)
+    for at in (1.0, 4.0, 7.0):
+        tau[(t > at) & (t < at + 0.6)] = 6.0
+        speed += np.interp(t, [at, at + 0.6, at + 1.5], [0, 1.2, 0], left=0, right=0)
+    stay, said = kept(tau[:, None], (np.cumsum(speed) / RATE)[:, None])
+    assert stay.all()
+    assert said == []

@@ -41,8 +41,10 @@ FEW = 200
 """Samples that tell which side of a joint is known."""
 LONGEST = 1.0
 """s that brakes take at most: what moves for longer without torque swings."""
-MOST = 3
-"""Stops in motion: more of them are how the motion was made (pulses)."""
+COASTS = 0.1
+"""Share of the motion with torque that stops may take: where more of it is without, that is how the motion was made."""
+NAMED = 3
+"""Stretches that are named."""
 
 
 def drives_off(
@@ -63,9 +65,9 @@ def drives_off(
     for start, stop in found:
         known[start:stop] = False
         spans.append(f"{(stop - start) * grid.dt:.3g} s from t = {t[start]:.5g} s")
-    more = f" and {len(spans) - MOST} more times" if len(spans) > MOST else ""
+    more = f" and {len(spans) - NAMED} more times" if len(spans) > NAMED else ""
     repairs.append(
-        f"no joint has any torque for {', '.join(spans[:MOST])}{more}, where the robot comes to rest or stands: taken "
+        f"no joint has any torque for {', '.join(spans[:NAMED])}{more}, where the robot comes to rest or stands: taken "
         "as a stop by brakes with the drives off, left out"
     )
     return known
@@ -85,14 +87,17 @@ def _stops(signals: Mapping[str, Array], torque: Array, grid: Grid) -> list[tupl
         return []
     far = _pace(places, grid)
     within = round(LONGEST / grid.dt)
-    held, stopped = list[tuple[int, int]](), list[tuple[int, int]]()
+    held, stopped, braked = list[tuple[int, int]](), list[tuple[int, int]](), 0
     for run in runs:
         moves = _moving(places, run, far, grid)
         if moves == 0 and any(_stands(places, row, far, grid) for row in _sudden(torque, run, least, grid)):
             held.append(run)
         elif 0 < moves <= within:
             stopped.append(run)
-    return sorted([*held, *(stopped if len(stopped) <= MOST else [])])
+            braked += moves
+    if braked > COASTS * _driven(places, torque, faint, far, grid):
+        stopped = []
+    return sorted([*held, *stopped])
 
 
 def _rms(torque: Array) -> Array:
@@ -208,6 +213,16 @@ def _moves(places: Sequence[Array], start: int, stop: int, far: Array, grid: Gri
         moves |= ~(np.abs(place[start + lag : stop] - place[start : stop - lag]) <= still)  # a hole tells nothing
     let_go(*places)
     return moves
+
+
+def _driven(places: Sequence[Array], torque: Array, faint: Array, far: Array, grid: Grid) -> int:
+    """Return for how many samples the robot moves and some joint has torque."""
+    lasts = 0
+    for start, stop in grid.bounds():
+        if stop - start > FEWEST:
+            moves = _moves(places, start, stop, far, grid)
+            lasts += int(np.count_nonzero(moves & ~_without(torque[start : start + len(moves)], faint)))
+    return lasts
 
 
 def _moving(places: Sequence[Array], run: tuple[int, int], far: Array, grid: Grid) -> int:

@@ -32,6 +32,8 @@ FOLLOWS = 0.05
 """Share of a residual's variance that must follow a variable for the variable to be named."""
 TIMES, ALSO = ("t", "time"), 0.7
 """Time among the variables, and the part of its share from which another variable is named beside it."""
+LEFT = 1.2
+"""Times the sensors' noise below which nothing is left on held-out stretches."""
 VAGUE_ERROR = 0.1
 """Relative standard error from which on another log should sharpen an effect's amplitude."""
 
@@ -195,8 +197,11 @@ def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:
     names = [words if (words := variable_words(name)) == "time" else f"the {words}"
              for name, _ in left_follows(found, worst)]  # fmt: skip
     goes = f" It {follows_words('time')}." if names == ["time"] else f" It follows {listed(names)}." if names else ""
-    times = number_text(held_out_size(found, worst)[1], 2)
-    return f" {times} times the sensors' noise is left at {joint}, which {nothing} explains.{goes}"
+    times, where = held_out_size(found, worst)[1], ""
+    if times < LEFT <= worst.ratio:
+        times, where = worst.ratio, " on the stretches that were fitted"
+    size = number_text(times, 2)
+    return f" {size} times the sensors' noise is left at {joint}{where}, which {nothing} explains.{goes}"
 
 
 def judged_after(found: Diagnosis) -> tuple[RowState, ...]:

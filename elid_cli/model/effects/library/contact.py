@@ -22,7 +22,7 @@ class Contact(Effect):
     """A bump of torque on one link in a short window of time."""
 
     name = "contact"
-    summary = "push from outside, for a moment"
+    summary = "push from outside, or a fault of a torque signal, for a moment"
     equation = "link equation: torque (1 + cos(2π (t - time)/width))/2 within |t - time| < width/2"
     physics = "A collision, a hand, a cable that catches: a force on the arm that no motion of its own explains."
     typical = "0.1-1 s; any size"
