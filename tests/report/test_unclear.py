@@ -10,6 +10,7 @@ import pytest
 from elid_cli.estimation.judgement import RowNoise
 from elid_cli.estimation.trend.series import Step, series_of
 from elid_cli.estimation.trend.trends import Trend
+from elid_cli.report.answers.identification_json import model_payload
 from elid_cli.report.answers.lacking import is_unclear, lacking_words
 from elid_cli.report.answers.summary import DOUBTS, doubted
 from elid_cli.report.answers.trend import changed_by
@@ -22,6 +23,8 @@ def test_what_is_left_far_above_noise_is_not_clear(ratio: float, first: str) -> 
     assert said.startswith(first)
     assert ("elid diagnose" in said) == is_unclear(noise) == (first == "Not clear")
     assert ("two" in said) == (ratio > 1.4)
+    assert model_payload("sufficient", noise, ())["unclear"] == (first == "Not clear")
+    assert not model_payload("insufficient", noise, ())["unclear"]  # it is clear that something is
 
 
 def test_a_doubt_of_units_stands_before_the_answer_and_keeps_its_condition() -> None:

@@ -10,6 +10,7 @@ from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.classification import class_payload
 from elid_cli.report.answers.drive_gains import gains_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload, robot_payload
+from elid_cli.report.answers.lacking import is_unclear
 from elid_cli.report.answers.motor_side import motor_side_payload, stiffness_record
 from elid_cli.report.tree import picked
 from elid_cli.signals.recording import Recording
@@ -75,8 +76,9 @@ def covariance_payload(found: Identification, count: int) -> list[list[float | N
 
 
 def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:
-    """Return what JSON says of the model: ``model``, ``noise`` and ``insufficient``."""
-    return {"model": model, "noise": noise_payload(noise), "insufficient": insufficient}
+    """Return what JSON says of the model: ``model``, ``unclear``, ``noise`` and ``insufficient``."""
+    unclear = model == "sufficient" and is_unclear(noise)
+    return {"model": model, "unclear": unclear, "noise": noise_payload(noise), "insufficient": insufficient}
 
 
 def noise_payload(noise: Sequence[RowNoise]) -> dict[str, Any]:
