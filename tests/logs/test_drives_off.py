@@ -247,3 +247,24 @@ def test_three_pulses_after_which_an_axis_coasts_to_rest_stay() -> None:
     stay, said = kept(tau[:, None], (np.cumsum(speed) / RATE)[:, None])
     assert stay.all()
     assert said == []
+
+
+def test_a_robot_that_sways_a_little_after_a_stop_has_come_to_rest() -> None:
+    robot = arm()
+    t, q, dq, ddq = motion(1.0)
+    tau = torques(robot, q, dq, ddq)
+    off = (t > STOP) & (t < STOP + BRAKING + 1.0)
+    sways = q + 5e-5 * np.sin(40 * t)[:, None]
+    stay, said = kept(np.where(off[:, None], 0.0, tau), sways)
+    assert not stay[off].any()
+    assert len(said) == 1
+
+
+def test_a_long_swing_to_rest_stays_where_it_is_a_small_part_of_the_motion() -> None:
+    t = np.arange(round(60 * RATE)) / RATE
+    pace = np.interp(t, [30.0, 32.0, 33.0, 33.5], [1, 0, 0, 1], left=1, right=1)
+    s = np.cumsum(pace) / RATE
+    off = (t > 30.0) & (t < 33.0)
+    stay, said = kept(np.where(off, 0.0, 6 + wave(s))[:, None], np.sin(1.1 * s)[:, None])
+    assert stay.all()
+    assert said == []

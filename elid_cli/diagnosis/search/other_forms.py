@@ -23,8 +23,6 @@ ALIKE = 6.0
 """Log-likelihood by which another form may explain a log worse and still be told."""
 USUAL = 2.0
 """The same up to which a more usual form is named instead."""
-
-
 MOVED = 2.0
 """Standard errors by which it must move a parameter for that to be told."""
 

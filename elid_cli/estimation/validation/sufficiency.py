@@ -56,7 +56,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
     told = [one for one in said if one is not None and len(one.biased) == found.base.count]
     if not told or not any(one.noise for one in told):
         return found
-    noise = _joined(told)
+    noise = told[0].noise if len(said) == 1 else _joined(told)
     insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
     biased = np.any([one.biased for one in told], axis=0)
     records = zip(found.parameters, biased.tolist(), strict=True)
@@ -84,8 +84,6 @@ def _joined(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:
     for one in said:
         for item in one.noise:
             rows.setdefault((item.joint, item.rows), []).append(item)
-    if len(said) == 1:
-        return said[0].noise
     return tuple(  # a moment is one of a log, and is not told of several
         RowNoise(*row, *np.sqrt(np.mean([[i.floor**2, i.ratio**2, i.correlation**2] for i in items], axis=0)).tolist())
         for row, items in rows.items()
