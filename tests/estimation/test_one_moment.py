@@ -14,9 +14,14 @@ import pytest
 from numpy.typing import NDArray
 
 from elid_cli.cli import main
-from elid_cli.estimation.judgement import RowNoise
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.judgement import Judgement, RowNoise
 from elid_cli.estimation.validation.one_moment import moment_of
+from elid_cli.estimation.validation.sufficiency import judged_model
+from elid_cli.logs import read_recording
 from elid_cli.report.answers.lacking import moment_words
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.signals import prepare
 
 Array = NDArray[np.float64]
 
@@ -171,3 +176,14 @@ def test_moments_in_words() -> None:
     assert "left at a and b lies between 6 and 6.5 s" in both
     apart = moment_words([row("a", 50.0, (6.02, 6.31)), row("b", 70.0, (9.0, 9.41))])
     assert "left at b lies between 9 and 9.5 s" in apart
+
+
+def test_a_moment_of_one_of_several_logs_is_told_of_none() -> None:
+    robot = read_robot("planar2")
+    found = identify(robot, prepare(read_recording([str(SAMPLE)], robot), robot))
+    loud = Judgement((row("joint1", 50.0, (6.0, 6.4)),), (), np.zeros(found.base.count, dtype=bool))
+    assert judged_model(found, loud).noise[0].moment == (6.0, 6.4)
+    for several in ((loud, None), (loud, loud)):
+        (said,) = judged_model(found, *several).noise
+        assert said.moment is None
+        assert said.ratio == pytest.approx(50.0)
