@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO, Recording, Segment
+from elid_cli.signals.recording import ACCEL, GYRO, Recording, Segment
 from tests.system.plain_arms import GRAVITY, Arm, Array, World, _bodies
 
 OVERSAMPLED = 4
@@ -55,8 +55,12 @@ class Case:
     """Joints whose links carry a gyroscope, mounted in any direction, with a bias and scale errors of 1 %."""
     gyro_noise: float = 2e-3
     """rad/s."""
-    gyro_late: float = 2e-3
-    """s by which gyroscopes are late."""
+    accelerometers: tuple[int, ...] = ()
+    """Joints whose links carry an accelerometer somewhere, mounted likewise."""
+    accel_noise: float = 0.02
+    """m/s²."""
+    late: float = 2e-3
+    """s by which sensors on links are late."""
 
 
 def inertias(arm: Arm) -> tuple[Array, Array]:
@@ -228,25 +232,47 @@ def motor_log(arm: Arm, seed: int, case: Case | None = None) -> Recording:
     q = np.where(np.isfinite(arm.stiffness), np.nan, theta)
     names = tuple(f"joint{i + 1}" for i in range(arm.n))
     whole = (Segment(0, len(theta)),)
-    gyro = _gyroscopes(world, case, np.random.default_rng([seed, 9]))
+    gyro = _sensors(world, case, case.gyros, GYRO, np.random.default_rng([seed, 9]))
+    accel = _sensors(world, case, case.accelerometers, ACCEL, np.random.default_rng([seed, 10]))
     return Recording(
-        names, 1 / case.rate, world.t[pick], q, theta, torque, gyro=gyro, segments=whole, files=("log.h5",)
-    )
+        names, 1 / case.rate, world.t[pick], q, theta, torque, gyro=gyro, accel=accel, segments=whole,
+        files=("log.h5",),
+    )  # fmt: skip
 
 
-def _gyroscopes(world: World, case: Case, generator: np.random.Generator) -> dict[str, Array]:
-    """Return what gyroscopes on the links log; the arm turns about one axis."""
-    logged = {axis: np.full((len(world.t) // OVERSAMPLED, world.arm.n), np.nan) for axis in GYRO if case.gyros}
-    late = round(case.gyro_late * case.rate * OVERSAMPLED)
-    for k in case.gyros:
+def _sensors(
+    world: World, case: Case, joints: tuple[int, ...], signals: tuple[str, ...], generator: np.random.Generator
+) -> dict[str, Array]:
+    """Return what sensors of one kind on the links log."""
+    logged = {axis: np.full((len(world.t) // OVERSAMPLED, world.arm.n), np.nan) for axis in signals if joints}
+    late = round(case.late * case.rate * OVERSAMPLED)
+    noise, bias = (case.gyro_noise, 0.02) if signals == GYRO else (case.accel_noise, 0.05)
+    for k in joints:
         turn, _ = np.linalg.qr(generator.standard_normal((3, 3)))
         axes = turn * np.linalg.det(turn) @ (np.eye(3) + 0.01 * generator.standard_normal((3, 3)))
-        rate = np.roll(world.dq[:, : k + 1].sum(axis=1), late)[::OVERSAMPLED]
-        seen = rate[:, None] * axes[:, 2] + 0.02 * generator.standard_normal(3)
-        seen += case.gyro_noise * generator.standard_normal(seen.shape)
-        for name, values in zip(GYRO, seen.T, strict=True):
+        if signals == GYRO:  # the arm turns about one axis
+            felt = world.dq[:, : k + 1].sum(axis=1)[:, None] * np.array([0.0, 0.0, 1.0])
+        else:
+            felt = _felt(world, k, generator.uniform(-0.1, 0.1, 2))
+        seen = np.roll(felt, late, axis=0)[::OVERSAMPLED] @ axes.T + bias * generator.standard_normal(3)
+        seen += noise * generator.standard_normal(seen.shape)
+        for name, values in zip(signals, seen.T, strict=True):
             logged[name][:, k] = values
     return logged
+
+
+def _felt(world: World, k: int, place: Array) -> Array:
+    """Return the acceleration minus gravity of a place on link k, m from its far end, in the link's axes, (N, 3).
+
+    In the plane as complex numbers: the place is the sum of l exp(iφ) over the links, φ their absolute angles.
+    """
+    angle, speed, acceleration = (np.cumsum(values, axis=1) for values in (world.q, world.dq, world.ddq))
+    arms = [*world.arm.length[:k].astype(complex), world.arm.length[k] + complex(*place)]
+    whole = np.full(len(angle), 1j * GRAVITY)
+    for j, arm in enumerate(arms):
+        whole += arm * np.exp(1j * angle[:, j]) * (1j * acceleration[:, j] - speed[:, j] ** 2)
+    own = whole * np.exp(-1j * angle[:, k])
+    return np.stack([own.real, own.imag, np.zeros(len(own))], axis=1)
 
 
 def told_robot(arm: Arm, seed: int, error: float = 0.2, *, elastic: bool = True) -> Robot:

@@ -18,13 +18,13 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.latent import Latent, Model
 from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, centred
 from elid_cli.estimation.motor_side.pieces import Pieces, summed
-from elid_cli.model.link_rates import AXES
+from elid_cli.model.link_vectors import AXES
 
 _Target = tuple[str, int]
 
 
 class ByMotion:
-    """Derivatives of θ, and of the low-passed τ and gyroscopes, at one model of x.
+    """Derivatives of θ, and of the low-passed τ and sensors on links, at one model of x.
 
     `friction` are its `Latent.friction_slopes`.
     """
@@ -37,8 +37,7 @@ class ByMotion:
         self._six = {("spring", i): problem.on_knots(self._on_knots(slopes.torque, i)) for i in range(self._n)}
         if link.coupled:
             self._six |= {("carried", i): problem.on_knots(slopes.carried[:, :, i]) for i in range(self._n)}
-        if link.turning.joints:
-            self._six |= {("turning", r): problem.on_knots(slopes) for r, slopes in enumerate(self._turning())}
+        self._six |= {("sensor", r): problem.on_knots(slopes) for r, slopes in enumerate(self._sensors())}
         self._rates = centred(1, dt), centred(2, dt)
         self._short_rates = centred(1, dt, SHORT_WIDTH), centred(2, dt, SHORT_WIDTH)
 
@@ -67,7 +66,7 @@ class ByMotion:
 
     @cached_property
     def _torques(self) -> list[dict[_Target, Array]]:
-        """The same of the low-passed torques and gyroscopes."""
+        """The same of the low-passed torques and sensors on links."""
         problem, now, at, x = self._problem, self._now, self._at, self._x
         found = []
         low_pass = np.tile(problem.kernel, (len(problem.centres), 1))
@@ -82,16 +81,16 @@ class ByMotion:
             found.append(targets)
         first, second = self._short_rates
         one = np.ones(problem.log.count)
-        for k, delay in enumerate(problem.gyro_unknowns(x)[2].tolist()):
+        delays = np.concatenate([kind.delay for kind in problem.mounted(x)]).tolist()
+        for k, delay in enumerate(delays):
             taps = summed(self._moved(low_pass, one, 0.5 * delay**2 * second - delay * first), low_pass)
-            found += [{("turning", AXES * k + axis): taps} for axis in range(AXES)]
+            found += [{("sensor", AXES * k + axis): taps} for axis in range(AXES)]
         return found
 
-    def _turning(self) -> Iterator[Array]:
-        """Yield the derivatives of what gyroscopes measure about every axis by q and q', (2, N, n) each."""
-        slopes = self._problem.link.turning.slopes(*self._now.q[:2])[1]
-        for k, mounting in enumerate(self._problem.gyro_unknowns(self._x)[0]):
-            yield from np.einsum("ab,dnbj->adnj", mounting, slopes[:, :, k])
+    def _sensors(self) -> Iterator[Array]:
+        """Yield the derivatives of every axis of sensors on links by q and its rates, (orders, N, n) each."""
+        for kind, felt in zip(self._problem.link.sensed, self._now.felt, strict=True):
+            yield from kind.by_motion(felt, self._x[self._at[kind.kind.name]])
 
     def _reached(self, i: int, theta: Array, spring: Array | None) -> dict[_Target, Array]:
         """Return what rows reach that take θ_i and, with `spring`, the torque through its transmission by taps.

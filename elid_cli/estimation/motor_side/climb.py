@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.link_sensors import KINDS
 from elid_cli.estimation.motor_side.link_side import LinkTerms
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
@@ -280,7 +281,7 @@ class Climb:
         own errors would drive them off. Returns the highest rung that fits, and the one that fits best.
         """
         unknowns, elastic = self.unknowns, self.link.elastic
-        idle = ["lost", "bumps", "gyro", "further", *(() if self.with_load else ("load",))]
+        idle = ["lost", "bumps", "further", *(kind.name for kind in KINDS), *(() if self.with_load else ("load",))]
         x = np.zeros(unknowns.size)
         x[unknowns["J"]], x[unknowns["p"]] = np.where(elastic, self.rotors.value, 0.0), 1e-3
         x, cost = self.rung(x, FIRST_RUNG, unknowns.free(*idle, "c"), 100.0)

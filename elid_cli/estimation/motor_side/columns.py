@@ -76,9 +76,10 @@ class Columns:
         problem = self.setting.problem(("load",))
         problem.filter_torque(self.setting.cutoff, 0.1)
         x = x.copy()
-        x[self.unknowns["gyro"]] = problem.prior_mean[self.unknowns["gyro"]]
+        sensors = self.unknowns.of_sensors
+        x[sensors] = problem.prior_mean[sensors]
         only = np.zeros(self.unknowns.size, dtype=bool)
-        only[self.unknowns["offset"]] = only[self.unknowns["gyro"]] = True
+        only[self.unknowns["offset"]] = only[sensors] = True
         log, rows = problem.log, len(problem.centres) * len(problem.tau_noise)
         self.freedom = (log.count - problem.spline.count) * log.n + rows
         return fit(problem, x, problem.spline.fit(q), only, Iteration(8, 0.05, robust=False))

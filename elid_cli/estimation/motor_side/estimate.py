@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side import accelerometers, gyros
 from elid_cli.estimation.motor_side.columns import EXPLAINED
-from elid_cli.estimation.motor_side.gyros import gyros_of, mounted
 from elid_cli.estimation.motor_side.hidden import hidden_joints
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors, Mounted, sensors_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
-from elid_cli.estimation.motor_side.motor_log import HIGHEST
+from elid_cli.estimation.motor_side.motor_log import HIGHEST, Samples
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
-from elid_cli.estimation.motor_side.result import Gyroscope, MotorSide, MotorSideJoint, NextMotion, why
+from elid_cli.estimation.motor_side.result import LinkSensor, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import FALL, RESTS, Search, search
 from elid_cli.estimation.motor_side.setting import Setting
@@ -74,33 +75,46 @@ def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> 
 
 def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> MotorSide:
     """Return what is found of the joints that are asked for."""
-    gyros = gyros_of(robot, recording, moving)
-    samples = stretch_of(recording, np.asarray(moving), gyros)
+    sensors = sensors_of(robot, recording, moving)
+    samples = stretch_of(recording, np.asarray(moving), sensors)
     if isinstance(samples, str):
         return MotorSide(tuple(_unseen(robot, k, samples) for k in asked))
     seen = _as_moving(robot, recording, moving, asked)
     with np.errstate(all="ignore"):
-        used, strange = mounted(samples.gyros, seen, samples.theta, 1 / samples.rate)
-        samples, link = replace(samples, gyros=used), LinkSide(seen, used.joints)
+        used, strange = _mounted(samples, seen)
+        samples, link = replace(samples, sensors=used), LinkSide(seen, [own.joints for own in used])
         rotors, total = rotors_of(seen, link, samples)
         setting = Setting(samples, link, rotors)
         answer = _answer(setting)
     joints = [_judged(robot, k, list(moving).index(k), setting, answer, total) for k in asked]
     seconds = float(samples.t[-1] - samples.t[0])
-    found = _gyroscopes([seen.joint_names[k] for k in gyros.joints], strange, answer)
+    found = _sensors(seen, sensors, strange, answer)
     return MotorSide(tuple(joints), float("nan") if answer is None else answer.told.chi, seconds, found)
 
 
-def _gyroscopes(joints: Sequence[str], strange: Mapping[int, str], answer: _Answer | None) -> tuple[Gyroscope, ...]:
-    """Return what was found of every gyroscope of the log."""
-    found, used = [], 0
-    for number, joint in enumerate(joints):
-        if number in strange or answer is None:
-            found.append(Gyroscope(joint, strange.get(number, "no fit was found")))
-            continue
-        mounting, bias, delay = (values[used].tolist() for values in answer.gyros)
-        found.append(Gyroscope(joint, "", tuple(map(tuple, mounting)), tuple(bias), delay))
-        used += 1
+def _mounted(samples: Samples, robot: Robot) -> tuple[tuple[LinkSensors, ...], list[dict[int, str]]]:
+    """Return the sensors on links with first estimates of how they are mounted, and why others are left out."""
+    ways = (gyros.mounted, accelerometers.mounted)
+    found = [way(own, robot, samples.theta, 1 / samples.rate) for way, own in zip(ways, samples.sensors, strict=True)]
+    return tuple(used for used, _ in found), [strange for _, strange in found]
+
+
+def _sensors(
+    robot: Robot, logged: Sequence[LinkSensors], strange: Sequence[Mapping[int, str]], answer: _Answer | None
+) -> tuple[LinkSensor, ...]:
+    """Return what was found of every sensor on a link."""
+    found = []
+    for kind, (own, why_not) in enumerate(zip(logged, strange, strict=True)):
+        place = 0
+        for number, joint in enumerate(robot.joint_names[k] for k in own.joints):
+            if number in why_not or answer is None:
+                found.append(LinkSensor(own.kind.name, joint, why_not.get(number, "no fit was found")))
+                continue
+            mounting, bias, delay, places = (values[place].tolist() for values in answer.mounted[kind])
+            found.append(
+                LinkSensor(own.kind.name, joint, "", tuple(map(tuple, mounting)), tuple(bias), delay, tuple(places))
+            )
+            place += 1
     return tuple(found)
 
 
@@ -111,8 +125,8 @@ class _Answer(NamedTuple):
     failed: list[tuple[str, ...]]
     vibration: Vibration
     responses: Mapping[int, Response]
-    gyros: tuple[Array, Array, Array]
-    """Mountings, biases and delays of the gyroscopes that were used."""
+    mounted: list[Mounted]
+    """How the sensors on links that were used are mounted, of every kind."""
 
 
 def _answer(setting: Setting) -> _Answer | None:
@@ -125,7 +139,7 @@ def _answer(setting: Setting) -> _Answer | None:
         failed, fitted = _failed(found, told), Vibration(found.best)
         shown = [k for k, names in enumerate(failed) if verdict_of(names) != "refused"]
         responses = responses_of(fitted, setting.samples, shown, setting.bands) if shown else {}
-        return _Answer(told, failed, fitted, responses, found.best.problem.gyro_unknowns(found.best.x))
+        return _Answer(told, failed, fitted, responses, found.best.problem.mounted(found.best.x))
     except (np.linalg.LinAlgError, ValueError):
         return None
 

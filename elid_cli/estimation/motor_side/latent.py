@@ -5,14 +5,14 @@ The links' motion is a quintic spline of unknown coefficients C (knots, n); what
 
     θ - (q + c (s - T s' + T² s'') + b tanh(s / s0)),    τ(t - d) - (J (θ'' + a) + fv θ' + friction + s + offset)
 
-and, of a gyroscope on a link, g - (M ω(q, q') of e seconds before + bias), rows beside those of the torques;
+and what sensors on links measure (`link_sensors`), rows beside those of the torques;
 with s = what the link side needs of the transmission and θ in the motor's row as the first equation gives it. Both are
 regular at c = 0, a rigid joint. Torque rows are low-passed: friction's kinks and the spline's errors live above.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.gyros import UNKNOWNS
+from elid_cli.estimation.motor_side.link_sensors import Mounted
 from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
 from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS, MotorLog
 from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, WIDTH, KnotSpline, low_pass_rows
 from elid_cli.estimation.motor_side.pieces import Pieces
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_of
-from elid_cli.model.link_rates import AXES
+from elid_cli.model.link_vectors import Slopes
 
 PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
@@ -81,10 +81,10 @@ class Model:
     bumps: Array
     """Stribeck bumps, (bumps, N, n); empty without."""
     tau: Array
-    turning: Array
-    """Angular velocities of links with gyroscopes in their own frames, rad/s, (N, m, 3)."""
-    gyro: Array
-    """What the gyroscopes measure, (N, 3 m)."""
+    felt: tuple[Slopes, ...]
+    """What the sensors on links feel in the links' frames, of every kind."""
+    sensed: Array
+    """What they measure, kind by kind, (N, 3 m)."""
 
 
 class Latent:
@@ -121,7 +121,7 @@ class Latent:
         self.parts, self.further = tuple(parts), tuple(further)
         self.lost_scale = np.ones(log.n) if lost_scale is None else lost_scale
         self.spline = log.kept(("spline", spacing), lambda: KnotSpline(log.t, spacing))
-        self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque, log.mounting)
+        self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque, log.samples.sensors)
         self.rounding = _LOAD_ROUNDING * log.torque
         self.levels = self.link.levels if self.link.ratio.min() < _GEARED else min(self.link.levels, _DEEPEST)
         """How many rotors whose deflections load the next one in a row the derivatives follow."""
@@ -137,10 +137,13 @@ class Latent:
         self.tau_noise: Array
         """Of the low-passed rows, (n + 3 m,)."""
         self.torques: Pieces
-        """The low-passed rows: torques, then gyroscopes."""
+        """The low-passed rows: torques, then sensors on links."""
 
     def filter_torque(self, cutoff: float, floor: float) -> None:
-        """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque."""
+        """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque.
+
+        That of sensors on links is at least their `Kind`'s part of it.
+        """
         log = self.log
         self.rows, gain, self.centres = log.kept(("rows", cutoff), lambda: low_pass_rows(log.count, log.dt, cutoff))
         self.kernel = self.rows.data[: self.rows.indptr[1]]
@@ -149,7 +152,8 @@ class Latent:
             ("torques", self.spacing, cutoff), lambda: Pieces(self.spline, self.centres, reach, TORQUES)
         )
         torques = np.hypot(log.tau_noise * gain, floor * log.torque)
-        self.tau_noise = np.concatenate([torques, log.gyro_noise * gain])
+        sensors = np.hypot(log.sensed_noise * gain, floor * log.sensed_size)
+        self.tau_noise = np.concatenate([torques, sensors])
 
     def _reach(self, own: int) -> int:
         """Return how many samples to either side a row reaches that touches so many of its transmission's torque."""
@@ -201,8 +205,8 @@ class Latent:
             tau += (self._bump_sizes(x) * bumps).sum(axis=0)
         for amplitude, friction in zip(x[at["further"]], self.further, strict=True):
             tau[:, friction.joint] += amplitude * friction.values(speed[:, friction.joint])
-        turning, gyro = self._gyroscopes(q, x)
-        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, rounded, bumps, tau, turning, gyro)
+        felt, sensed = self._sensors(q, x)
+        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, rounded, bumps, tau, felt, sensed)
 
     def _bump_sizes(self, x: Array) -> Array:
         found: Array = x[self.unknowns["bumps"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
@@ -221,31 +225,26 @@ class Latent:
             found += (self._bump_sizes(x) * self.log.bump_slopes(now.speed, now.acceleration)).sum(axis=1)
         return found
 
-    def gyro_unknowns(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return every gyroscope's M (m, 3, 3), bias (m, 3) and delay (m,)."""
-        own = x[self.unknowns["gyro"]].reshape(-1, UNKNOWNS)
-        return own[:, : AXES * AXES].reshape(-1, AXES, AXES), own[:, AXES * AXES : -1], own[:, -1]
+    def _sensors(self, q: tuple[Array, Array, Array], x: Array) -> tuple[tuple[Slopes, ...], Array]:
+        """Return what sensors on links feel, of every kind, and what they measure, (N, 3 m)."""
+        felt, seen = [], []
+        for kind in self.link.sensed:
+            own = x[self.unknowns[kind.kind.name]]
+            felt.append(kind.felt(q, own))
+            seen.append(kind.measured(felt[-1], own, self.log.short_rates))
+        return tuple(felt), np.concatenate(seen, axis=1)
 
-    def _gyroscopes(self, q: tuple[Array, Array, Array], x: Array) -> tuple[Array, Array]:
-        """Return angular velocities of links, (N, m, 3), and what gyroscopes measure of them, (N, 3 m)."""
-        mounting, bias, delay = self.gyro_unknowns(x)
-        turning = self.link.turning.rates(q[0], q[1])
-        late = [self._earlier(turning[:, k], by) @ mounting[k].T + bias[k] for k, by in enumerate(delay.tolist())]
-        return turning, np.concatenate(late, axis=1) if late else np.zeros((len(q[0]), 0))
-
-    def _earlier(self, values: Array, delay: float) -> Array:
-        """Return values (N, k) as they were `delay` s before, to the second order of it."""
-        first, second = self.log.short_rates
-        found: Array = values - delay * (first @ values) + 0.5 * delay**2 * (second @ values)
-        return found
+    def mounted(self, x: Array) -> list[Mounted]:
+        """Return how the sensors on links are mounted, of every kind."""
+        return [kind.split(x[self.unknowns[kind.kind.name]]) for kind in self.link.sensed]
 
     def residual(self, coefficients: Array, x: Array) -> tuple[Array, Array, Model]:
         """Return residuals over their noise, of positions (N, n) and low-passed rows (rows, n + 3 m), and the model."""
         now = self.model(coefficients, x)
         acts = self.log.torque_at(float(x[self.unknowns["delay"][0]]))
         theta = (self.log.theta - now.theta) / self.log.theta_noise
-        torques, gyros = acts - now.tau, self.log.gyro - now.gyro
-        return theta, (self.rows @ np.concatenate([torques, gyros], axis=1)) / self.tau_noise, now
+        low = np.concatenate([acts - now.tau, self.log.sensed - now.sensed], axis=1)
+        return theta, (self.rows @ low) / self.tau_noise, now
 
     # ---- derivatives
 
@@ -295,25 +294,17 @@ class Latent:
                 tau[:, i, at["bumps"].reshape(-1, n)[:, i]] = now.bumps[:, :, i].T
         for place, friction in zip(at["further"], self.further, strict=True):
             tau[:, friction.joint, place] = friction.values(now.speed[:, friction.joint])
-        rows = [tau[:, i] for i in range(n)] + self._gyros_by_unknowns(now, x)
+        rows = [*(tau[:, i] for i in range(n)), *self._sensors_by_unknowns(now, x)]
         return theta, np.stack([self.rows @ row for row in rows], axis=1)
 
-    def _gyros_by_unknowns(self, now: Model, x: Array) -> list[Array]:
-        """Return the derivatives of what every gyroscope measures about every axis, (N, size) each."""
-        mounting, _, delay = self.gyro_unknowns(x)
-        first, second = self.log.short_rates
-        found = []
-        for k, places in enumerate(self.unknowns["gyro"].reshape(-1, UNKNOWNS)):
-            seen = now.turning[:, k] @ mounting[k].T
-            by_delay = -(first @ seen) + delay[k] * (second @ seen)
-            earlier = self._earlier(now.turning[:, k], delay[k])
-            for axis in range(AXES):
+    def _sensors_by_unknowns(self, now: Model, x: Array) -> Iterator[Array]:
+        """Yield the derivatives of what every sensor on a link measures about every axis, (N, size) each."""
+        for kind, felt in zip(self.link.sensed, now.felt, strict=True):
+            places = self.unknowns[kind.kind.name]
+            for part, slopes in kind.by_unknowns(felt, x[places], self.log.short_rates):
                 row = np.zeros((self.log.count, self.unknowns.size))
-                row[:, places[AXES * axis : AXES * (axis + 1)]] = earlier
-                row[:, places[AXES * AXES + axis]] = 1.0
-                row[:, places[-1]] = by_delay[:, axis]
-                found.append(row)
-        return found
+                row[:, places[part]] = slopes
+                yield row
 
     def _spring_by_unknowns(self, now: Model, x: Array, theta: Array, i: int) -> tuple[Array, NDArray[np.intp]]:
         """Return d s_i / d x, (N, size), and which columns of it are not empty; later joints' θ is differentiated."""

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.link_sensors import KINDS, Sensed
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.duals import Dual
 from elid_cli.model.kinematics import Body, JointState, chain
-from elid_cli.model.link_rates import LinkRates
 from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import Regressor
 from elid_cli.model.terms.base_term import ChainMotion, MotorState
@@ -69,13 +69,13 @@ class LinkSide:
     ----------
     robot
         As the log shows it: no joint that rests, no transmission ``auto``.
-    gyros
-        Joints whose links carry a gyroscope.
+    sensors
+        Joints whose links carry sensors, of every kind of these; default: none.
     """
 
-    def __init__(self, robot: Robot, gyros: Sequence[int] = ()) -> None:
+    def __init__(self, robot: Robot, sensors: Sequence[Sequence[int]] = ((), ())) -> None:
         self.robot = robot
-        self.turning = LinkRates(robot, gyros)
+        self.sensed = tuple(Sensed(kind, robot, joints) for kind, joints in zip(KINDS, sensors, strict=True))
         self.n = robot.n
         self.elastic: NDArray[np.bool_] = np.array([joint.elastic for joint in robot.joints])
         self.ratio = np.array([joint.gear_ratio or 1.0 for joint in robot.joints])

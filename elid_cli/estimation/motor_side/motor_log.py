@@ -5,7 +5,7 @@ Noise is what the spectrum shows where nothing moves; the band ends where the po
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.gyros import Gyros
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors
 from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, WIDTH, stencil, thin
 
 HIGHEST = 70.0
@@ -43,12 +43,13 @@ class Samples:
     """Speed within which friction changes its sign, rad/s (m/s), (n,)."""
     noise: tuple[Array, Array]
     """Standard deviations of theta's and tau's white noise, (n,) each."""
-    gyros: Gyros
-    """Angular velocities of links, where the log has any."""
+    sensors: tuple[LinkSensors, ...]
+    """Sensors on links, of every kind."""
 
     def part(self, part: slice) -> Samples:
         """Return some of the samples, their noise being what the whole shows."""
-        return replace(self, t=self.t[part], theta=self.theta[part], tau=self.tau[part], gyros=self.gyros.part(part))
+        seen = tuple(own.part(part) for own in self.sensors)
+        return replace(self, t=self.t[part], theta=self.theta[part], tau=self.tau[part], sensors=seen)
 
     @property
     def rate(self) -> float:
@@ -56,12 +57,11 @@ class Samples:
         return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
 
 
-def samples_of(t: Array, theta: Array, tau: Array, width: Array, gyros: Gyros) -> Samples:
+def samples_of(t: Array, theta: Array, tau: Array, width: Array, sensors: Sequence[LinkSensors]) -> Samples:
     """Return samples with the noise that their spectra show."""
     rate = (len(t) - 1) / float(t[-1] - t[0])
-    if gyros.joints:
-        gyros = replace(gyros, noise=noise_of(gyros.rates, rate))
-    return Samples(t, theta, tau, width, (noise_of(theta, rate), noise_of(tau, rate)), gyros)
+    seen = tuple(replace(own, noise=noise_of(own.values, rate)) if own.joints else own for own in sensors)
+    return Samples(t, theta, tau, width, (noise_of(theta, rate), noise_of(tau, rate)), seen)
 
 
 def noise_of(values: Array, rate: float) -> Array:
@@ -116,9 +116,14 @@ class MotorLog:
         self.tau_noise = np.maximum(tau_noise * gain, 1e-6 * self.tau.std(axis=0) + 1e-12)
         self.torque = np.maximum(self.tau.std(axis=0), 1e-12)
         """Standard deviation of the torques, N·m (N), (n,)."""
-        self.gyro, _ = thin(samples.gyros.rates, step) if samples.gyros.joints else (np.zeros((self.count, 0)), 1.0)
-        self.gyro_noise = np.maximum(samples.gyros.noise * gain, 1e-6 * self.gyro.std(axis=0) + 1e-12)
-        self.mounting = samples.gyros.mounting
+        own = [thin(kind.values, step)[0] if kind.joints else np.zeros((self.count, 0)) for kind in samples.sensors]
+        self.sensed = np.concatenate(own, axis=1)
+        """What sensors on links measure, kind by kind, (N, 3 m)."""
+        noise, spread = np.concatenate([kind.noise for kind in samples.sensors]), self.sensed.std(axis=0)
+        self.sensed_noise = np.maximum(noise * gain, 1e-6 * spread + 1e-12)
+        floors = [np.full(len(kind.noise), kind.kind.floor) for kind in samples.sensors]
+        self.sensed_size = np.concatenate(floors) * spread
+        """What the least noise of their rows is a share of, (3 m,)."""
         self.width = samples.width
         self._averaged = _kernel_instants(step, samples.rate)
         self._kept: dict[object, Any] = {}

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.columns import FLOORS, LOST_SHARE, MISFIT
-from elid_cli.estimation.motor_side.gyros import watched
 from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent import Friction, Latent
 from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
+from elid_cli.estimation.motor_side.link_sensors import watched
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
 from elid_cli.estimation.motor_side.search import Search
 from elid_cli.estimation.motor_side.unknowns import Unknowns
@@ -34,7 +34,7 @@ ROUGHLY = replace(MOVED, near=0.003, least=2)
 SHARP_FLOOR, SHARPLY = FLOORS[-1][0] / 3, Iteration(8, 1e-3)
 """Least noise of the torque rows, share of the torque, of a refit that must fit them as well, and how it iterates."""
 WATCHED = 25
-"""Every so many samples are looked at for what gyroscopes tell."""
+"""Every so many samples are looked at for what sensors on links tell."""
 CLEAR = 3.0
 """Least rise of a foreseen cost over the one that is asked about that settles the question."""
 _SHARPER = 0.4
@@ -91,7 +91,7 @@ class Figures:
     moved: Array
     """Share by which they moved the compliance."""
     watched: NDArray[np.bool_]
-    """Whether gyroscopes tell a link's turning: then it need not pass its antiresonance."""
+    """Whether sensors on links tell a link's own motion: then it need not pass its antiresonance."""
     moves: Moves | None = None
     """None where the rest refuses every joint already."""
 
@@ -155,7 +155,7 @@ class _Refits:
 
     def _half(self, part: Samples, whole: MotorLog) -> tuple[Array, Array]:
         log = MotorLog(part, 2 / self.setting.spacing)
-        log.gyro_noise = whole.gyro_noise
+        log.sensed_noise, log.sensed_size = whole.sensed_noise, whole.sensed_size
         log.theta_noise, log.tau_noise, log.torque = whole.theta_noise, whole.tau_noise, log.torque
         found = self.fitted(log, how=ROUGHLY)
         if found is None:
@@ -193,10 +193,11 @@ def first_figures(found: Search) -> Figures:
     with np.errstate(all="ignore"):
         sensitivity = np.abs(V[np.ix_(at["c"], at["J"])] / prior.spread).max(axis=1) / np.abs(best.compliance)
         pull = np.where(setting.link.elastic, (J - prior.value) / prior.spread, 0.0)
+    places = [mounted.places for mounted in best.problem.mounted(x)]
     return Figures(
         best.compliance, best.errors[at["c"]], best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
         sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, *_frequencies(best), gain, found.fall,
-        found.moved, watched(setting.link.turning, setting.link.elastic, best.model.q[0][::WATCHED]),
+        found.moved, watched(best.problem.link.sensed, places, setting.link.elastic, best.model.q[0][::WATCHED]),
     )  # fmt: skip
 
 

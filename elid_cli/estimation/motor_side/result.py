@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from elid_cli.errors import in_words
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.antiresonance import PAST, log_rate
 from elid_cli.robot.parameter import StandardParameter
@@ -107,20 +108,28 @@ class MotorSideJoint:
         return abs(self.stiffness - self.reference) / abs(self.reference) if self.reference else float("nan")
 
 
-@dataclass(frozen=True)
-class Gyroscope:
-    """A gyroscope on a link, and what was found of it."""
+SENSORS = {"gyro": "gyroscope", "accelerometer": "accelerometer"}
+"""Kinds of sensors on links, in words."""
 
+
+@dataclass(frozen=True)
+class LinkSensor:
+    """A sensor on a link, and what was found of it."""
+
+    kind: str
+    """``gyro`` or ``accelerometer``."""
     joint: str
     """The joint that moves the link."""
     reason: str = ""
     """Why it was not used; empty where it was."""
     mounting: tuple[tuple[float, ...], ...] = ()
-    """Rows of M: what it measures is M times the link's angular velocity in the link's frame."""
+    """Rows of M: what it measures is M times the link's angular velocity, or specific force, in the link's frame."""
     bias: tuple[float, ...] = ()
-    """rad/s."""
+    """rad/s or m/s²."""
     delay: float = float("nan")
     """s by which it is late."""
+    place: tuple[float, ...] = ()
+    """Where on the link an accelerometer sits, m in the link's frame."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +141,8 @@ class MotorSide:
     """Cost per degree of freedom of the fit: 1 is the sensors' noise."""
     seconds: float = float("nan")
     """Length of the stretch that was used, s."""
-    gyroscopes: tuple[Gyroscope, ...] = ()
-    """Those of the log."""
+    sensors: tuple[LinkSensor, ...] = ()
+    """Sensors on links that the log has."""
     corrected: bool = False
     """Whether the fit of all other parameters had the links' motion from what was found."""
 
@@ -145,8 +154,9 @@ class MotorSide:
     @property
     def source(self) -> str:
         """What the stiffnesses are from."""
-        used = any(not gyro.reason for gyro in self.gyroscopes)
-        return "motor position and torque and from gyroscopes" if used else "motor position and torque alone"
+        used = {sensor.kind for sensor in self.sensors if not sensor.reason}
+        names = [f"{name}s" for kind, name in SENSORS.items() if kind in used]
+        return f"motor position and torque and from {in_words(names)}" if names else "motor position and torque alone"
 
     def of(self, number: int) -> MotorSideJoint | None:
         """Return what is said of a joint, counted from 0."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.climb import Climb
+from elid_cli.estimation.motor_side.link_sensors import KINDS
 from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
 from elid_cli.estimation.motor_side.rungs import FIRST_RUNG
@@ -38,7 +39,7 @@ def _moved(link: LinkSide, samples: Samples) -> Array:
     climb.with_load = False
     x = np.zeros(unknowns.size)
     x[unknowns["p"]] = 1e-3
-    free = unknowns.free("lost", "bumps", "gyro", "further", "load", "c", "J")
+    free = unknowns.free("lost", "bumps", "further", "load", "c", "J", *(kind.name for kind in KINDS))
     x, _ = climb.rung(x, 2 * FIRST_RUNG, free, _STRONG)
     mass: Array = np.abs(climb.mass(x))
     return mass

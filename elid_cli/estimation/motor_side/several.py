@@ -89,7 +89,7 @@ def put_together(found: Sequence[tuple[str, MotorSide]], logs: int) -> MotorSide
     seconds = [side.seconds for _, side in found if np.isfinite(side.seconds)]
     misfits = [side.misfit for _, side in found if np.isfinite(side.misfit)]
     return MotorSide(
-        joints, max(misfits, default=float("nan")), sum(seconds) if seconds else float("nan"), found[0][1].gyroscopes
+        joints, max(misfits, default=float("nan")), sum(seconds) if seconds else float("nan"), found[0][1].sensors
     )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.gyros import Gyros
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors
 from elid_cli.estimation.motor_side.motor_log import Samples, samples_of
 from elid_cli.signals.recording import Recording
 
@@ -20,7 +22,7 @@ WIDTH, OF_SPEED = 0.02, 0.03
 """Speed within which friction changes its sign, rad/s (m/s), and its largest part of the rms speed."""
 
 
-def stretch_of(recording: Recording, moving: NDArray[np.intp], gyros: Gyros) -> Samples | str:
+def stretch_of(recording: Recording, moving: NDArray[np.intp], sensors: Sequence[LinkSensors]) -> Samples | str:
     """Return the stretch of a recording that is used, or why there is none.
 
     Parameters
@@ -29,21 +31,24 @@ def stretch_of(recording: Recording, moving: NDArray[np.intp], gyros: Gyros) -> 
         The log.
     moving
         Numbers of the joints that move, (m,).
-    gyros
-        Gyroscopes on their links, of all samples.
+    sensors
+        Sensors on their links, of all samples.
     """
     if recording.rate < SLOWEST:
         return f"sampled at {recording.rate:.3g} Hz, too slowly for a resonance"
     theta = np.where(np.isnan(recording.theta), recording.q, recording.theta)[:, moving]
     tau = recording.tau[:, moving]
-    known: NDArray[np.bool_] = np.isfinite(np.concatenate([theta, tau, gyros.rates], axis=1)).all(axis=1)
+    known: NDArray[np.bool_] = np.isfinite(np.concatenate([theta, tau, *(own.values for own in sensors)], axis=1)).all(
+        axis=1
+    )
     start, stop = _longest(known, recording)
     if (stop - start) * recording.dt < SHORTEST or stop - start < FEWEST:
         return f"no {SHORTEST:g} s in which motors' positions and torques of all moving joints are there"
     part = _liveliest(tau, start, stop, round(LONGEST / recording.dt))
     speed = np.gradient(theta[part], recording.dt, axis=0)
     width = np.minimum(WIDTH, OF_SPEED * np.sqrt(np.mean(speed**2, axis=0)))
-    return samples_of(recording.t[part], theta[part], tau[part], np.maximum(width, 1e-9), gyros.part(part))
+    seen = [own.part(part) for own in sensors]
+    return samples_of(recording.t[part], theta[part], tau[part], np.maximum(width, 1e-9), seen)
 
 
 def _longest(known: NDArray[np.bool_], recording: Recording) -> tuple[int, int]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.gyros import UNKNOWNS as GYRO_UNKNOWNS
-from elid_cli.estimation.motor_side.gyros import mounting_prior
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS
 
@@ -28,7 +28,8 @@ class Unknowns:
     """Places of the unknowns in one vector x.
 
     p (bodies), then per joint J (rotor), fv, fs, offset; one delay; per joint damping over stiffness, lost motion,
-    compliance c = 1/K, load friction; Stribeck bumps (bump by bump); gyroscopes' mounting, bias, delay; other friction.
+    compliance c = 1/K, load friction; Stribeck bumps (bump by bump); what `Sensed` has of sensors on links; other
+    friction.
     """
 
     link: LinkSide
@@ -40,7 +41,7 @@ class Unknowns:
         n = self.link.n
         sizes = {
             "p": self.link.count, "J": n, "fv": n, "fs": n, "offset": n, "delay": 1, "damping": n, "lost": n, "c": n,
-            "load": n, "bumps": n * len(STRIBECK_WIDTHS), "gyro": GYRO_UNKNOWNS * len(self.link.turning.joints),
+            "load": n, "bumps": n * len(STRIBECK_WIDTHS), **{kind.kind.name: kind.size for kind in self.link.sensed},
             "further": self.further,
         }  # fmt: skip
         ends = np.cumsum([0, *sizes.values()])
@@ -50,6 +51,11 @@ class Unknowns:
 
     def __getitem__(self, name: str) -> NDArray[np.intp]:
         return self.places[name]
+
+    @property
+    def of_sensors(self) -> NDArray[np.intp]:
+        """Places of what is unknown of the sensors on links."""
+        return np.concatenate([self.places[kind.kind.name] for kind in self.link.sensed])
 
     def free(self, *without: str) -> NDArray[np.bool_]:
         """Return which unknowns are free: not the named ones, and of rigid joints neither rotor nor transmission."""
@@ -75,7 +81,9 @@ class RotorPrior:
     spread: Array
 
 
-def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array, mounting: Array) -> tuple[Array, Array]:
+def prior_of(
+    unknowns: Unknowns, rotors: RotorPrior, torque: Array, sensors: Sequence[LinkSensors]
+) -> tuple[Array, Array]:
     """Return mean and standard deviation of every unknown, (size,); infinite where nothing is known.
 
     Parameters
@@ -84,8 +92,8 @@ def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array, mounting: Ar
         What is unknown, and what is known of the rotors.
     torque
         Standard deviation of every joint's torque, (n,).
-    mounting
-        First estimate of every gyroscope's mounting, (m, 3, 3).
+    sensors
+        Sensors on links, of every kind, with first estimates.
     """
     mean, spread = np.zeros(unknowns.size), np.full(unknowns.size, np.inf)
     mean[unknowns["J"]], spread[unknowns["J"]] = rotors.value, rotors.spread
@@ -93,7 +101,8 @@ def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array, mounting: Ar
     spread[unknowns["load"]] = LOAD_FRICTION_SPREAD
     turning = np.array([joint.revolute for joint in unknowns.link.robot.joints])
     spread[unknowns["lost"]] = np.where(turning, LOST_SPREAD, np.inf)
-    own_mean, own_spread = mounting_prior(mounting)
-    mean[unknowns["gyro"]], spread[unknowns["gyro"]] = own_mean, own_spread
+    for kind, own in zip(unknowns.link.sensed, sensors, strict=True):
+        place = unknowns[kind.kind.name]
+        mean[place], spread[place] = kind.prior(own)
     spread[unknowns["bumps"]] = np.tile(STRIBECK_SPREAD * torque, len(STRIBECK_WIDTHS))
     return mean, spread

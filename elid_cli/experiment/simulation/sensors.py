@@ -107,7 +107,7 @@ def gyroscopes(robot: Robot, q: Array, dq: Array, options: SensorOptions, seed: 
     UsageError
         No such joint.
     """
-    from elid_cli.model.link_rates import AXES, LinkRates
+    from elid_cli.model.link_vectors import AXES, LinkRates
 
     unknown = next((name for name in options.gyro if name not in robot.joint_names), None)
     if unknown is not None:
@@ -117,7 +117,7 @@ def gyroscopes(robot: Robot, q: Array, dq: Array, options: SensorOptions, seed: 
         return {}
     generator = np.random.default_rng([seed, 1 + CHANNELS.index("gyro")])
     logged = {axis: np.full_like(q, np.nan) for axis in GYRO}
-    rates = LinkRates(robot, joints).rates(q, dq)
+    rates = LinkRates(robot, joints).values((q, dq))
     for number, joint in enumerate(joints):
         turn, upper = np.linalg.qr(generator.standard_normal((AXES, AXES)))
         turn = turn * np.sign(np.diag(upper))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from elid_cli.errors import in_words
@@ -13,7 +13,7 @@ from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone, picked
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.motor_side.result import Gyroscope, MotorSideJoint
+    from elid_cli.estimation.motor_side.result import LinkSensor, MotorSideJoint
 
 NOTE = (
     "rigid to: a rigid joint's torque is within 5 % up to there; antiresonance: link against held motor; resonance: "
@@ -34,8 +34,7 @@ def motor_side_sections(found: Identification) -> list[Section]:
     )
     rows = tuple(_row(found, joint) for joint in joints)
     said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.says]
-    gyros = found.motor_side.gyroscopes
-    said += [Text(f"gyroscope_{gyro.joint}", _gyro_words(gyro)) for gyro in gyros]
+    said += [Text(f"{sensor.kind}_{sensor.joint}", _sensor_words(sensor)) for sensor in found.motor_side.sensors]
     title = f"stiffness from {found.motor_side.source} (no link position in this log)"
     return [Table("motor_side", columns, rows, title=title, note=NOTE), *said]
 
@@ -57,13 +56,18 @@ def stiffness_items(found: Identification, robot: str) -> Items:
     return ((f"for the stiffness of {names}", wanted), ("command for that", shlex.join(command)))
 
 
-def _gyro_words(gyro: Gyroscope) -> str:
-    """Return what was found of a gyroscope, a sentence."""
-    if gyro.reason:
-        return f"gyroscope behind {gyro.joint}: not used ({gyro.reason})"
-    bias = ", ".join(f"{1e3 * value:.2g}" for value in gyro.bias)
-    late = f"{abs(1e3 * gyro.delay):.2g} ms {'late' if gyro.delay > 0 else 'early'}"
-    return f"gyroscope behind {gyro.joint}: used, its mounting found; bias {bias} mrad/s, {late}"
+def _sensor_words(sensor: LinkSensor) -> str:
+    """Return what was found of a sensor on a link, a sentence."""
+    from elid_cli.estimation.motor_side.result import SENSORS
+
+    name = f"{SENSORS[sensor.kind]} behind {sensor.joint}"
+    if sensor.reason:
+        return f"{name}: not used ({sensor.reason})"
+    unit, scale = ("m/s²", 1.0) if sensor.place else ("mrad/s", 1e3)
+    bias = ", ".join(f"{scale * value:.2g}" for value in sensor.bias)
+    late = f"{abs(1e3 * sensor.delay):.2g} ms {'late' if sensor.delay > 0 else 'early'}"
+    place = f" at ({', '.join(f'{value:.2f}' for value in sensor.place)}) m in the link's frame" if sensor.place else ""
+    return f"{name}: used, its mounting found{place}; bias {bias} {unit}, {late}"
 
 
 def _row(found: Identification, joint: MotorSideJoint) -> tuple[Cell, ...]:
@@ -100,12 +104,23 @@ def stiffness_record(found: Identification, joint: MotorSideJoint) -> dict[str, 
 
 def motor_side_payload(found: Identification) -> dict[str, Any]:
     """Return the key ``motor_side`` of JSON: nothing where the motor side was not asked."""
+    from elid_cli.estimation.motor_side.result import SENSORS
+
     side = found.motor_side
     if side is None:
         return {}
     joints = {joint.joint: _joint_payload(joint) for joint in side.joints}
-    gyros = {"gyroscopes": [asdict(gyro) for gyro in side.gyroscopes]} if side.gyroscopes else {}
-    return {"motor_side": {**picked(side, "misfit seconds corrected"), "joints": joints, **gyros}}
+    sensors = {
+        f"{name}s": [_sensor_payload(sensor) for sensor in side.sensors if sensor.kind == kind]
+        for kind, name in SENSORS.items()
+    }
+    logged = {name: own for name, own in sensors.items() if own}
+    return {"motor_side": {**picked(side, "misfit seconds corrected"), "joints": joints, **logged}}
+
+
+def _sensor_payload(sensor: LinkSensor) -> dict[str, Any]:
+    own = picked(sensor, "joint reason mounting bias delay")
+    return own | ({"place": sensor.place} if sensor.kind == "accelerometer" else {})
 
 
 def _joint_payload(joint: MotorSideJoint) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.banded import BandedFactor
 from elid_cli.estimation.motor_side.by_motion import ByMotion
 from elid_cli.estimation.motor_side.climb import Climb
-from elid_cli.estimation.motor_side.gyros import gyros_of
 from elid_cli.estimation.motor_side.latent import Latent
+from elid_cli.estimation.motor_side.link_sensors import sensors_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.pieces import Pieces
 from elid_cli.estimation.motor_side.setting import Setting
@@ -33,11 +33,11 @@ def setting(arm: Arm) -> Setting:
 
 
 def setting_of(arm: Arm) -> Setting:
-    log, robot = motor_log(arm, 47, Case(duration=4.0, gyros=(0, 2))), told_robot(arm, 47)
-    samples = stretch_of(log, np.arange(3), gyros_of(robot, log, range(3)))
+    log, robot = motor_log(arm, 47, Case(duration=4.0, gyros=(0, 2), accelerometers=(1, 2))), told_robot(arm, 47)
+    samples = stretch_of(log, np.arange(3), sensors_of(robot, log, range(3)))
     assert not isinstance(samples, str)
     rotor = inertias(arm)[1]
-    return Setting(samples, LinkSide(robot, samples.gyros.joints), RotorPrior(rotor, 0.2 * rotor))
+    return Setting(samples, LinkSide(robot, [own.joints for own in samples.sensors]), RotorPrior(rotor, 0.2 * rotor))
 
 
 def problem_of(setting: Setting) -> tuple[Latent, Array, Array]:
@@ -48,7 +48,8 @@ def problem_of(setting: Setting) -> tuple[Latent, Array, Array]:
     x[at["p"]], x[at["J"]] = np.random.default_rng(9).uniform(0.1, 1.0, len(at["p"])), setting.rotors.value
     x[at["fv"]], x[at["fs"]], x[at["load"]], x[at["bumps"]] = 1.0, 0.5, 0.05, 0.2
     x[at["c"]], x[at["damping"]], x[at["lost"]] = 1e-4, 1e-3, 1e-4
-    x[at["gyro"]] = np.random.default_rng(3).uniform(-1e-3, 2e-3, len(at["gyro"])) + problem.prior_mean[at["gyro"]]
+    sensors = at.of_sensors
+    x[sensors] = np.random.default_rng(3).uniform(-1e-3, 2e-3, len(sensors)) + problem.prior_mean[sensors]
     return problem, x, problem.spline.fit(setting.log.theta)
 
 

@@ -1,6 +1,6 @@
 """Stiffness from the motor side alone on simulated arms: how often it is given, and how often it is wrong.
 
-    python -m tests.system.reproduce.motor_side [LOGS] [FIRST] [--beyond | --gyros]
+    python -m tests.system.reproduce.motor_side [LOGS] [FIRST] [--beyond | --gyros | --accelerometers]
 
 LOGS logs (default 26), from number FIRST on (default 0), of planar arms that a second simulator moves
 (`tests/system/motor_arms.py`): every log has its own arm, motion, noise (80, 70, 60 dB in turn) and rotor inertias told
@@ -10,6 +10,7 @@ logs so far.
 --beyond: arms and logs other than those that the thresholds were set for: more joints, coarser encoders, other sample
 rates, gears with a kinematic error, links with a mode of their own.
 --gyros: motion below the antiresonances, a gyroscope on every link (noise 2 mrad/s, 2 ms late, scale errors of 1 %).
+--accelerometers: the same with an accelerometer anywhere on every link (noise 20 mm/s², likewise).
 """
 
 from __future__ import annotations
@@ -89,6 +90,20 @@ WITH_GYROS = (
     Kind("three joints, gyros", replace(SEEN, gyros=(0, 1, 2)), joints=3),
 )
 
+FELT = replace(CROSS, kind="smooth", accelerometers=(0, 1))
+WITH_ACCELEROMETERS = (
+    Kind("smooth, accel.", FELT),
+    Kind("accel., load, Stribeck", FELT, load=(0.02, 0.1), stribeck=True),
+    Kind("accel., lost motion", FELT, lost=True),
+    Kind("below, accel.", replace(FELT, kind="below")),
+    Kind("cross, accel.", replace(FELT, kind="cross")),
+    Kind("smooth, 17 bit, accel.", replace(FELT, bits=17)),
+    Kind("rigid arm, accel.", FELT, rigid=(0, 1), told_elastic=True),
+    Kind("one joint, accel.", replace(FELT, accelerometers=(0,)), joints=1),
+    Kind("three joints, accel.", replace(FELT, accelerometers=(0, 1, 2)), joints=3),
+    Kind("gyros and accel.", replace(FELT, gyros=(0, 1))),
+)
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -135,8 +150,8 @@ def judged(number: int, kinds: Sequence[Kind] = KINDS) -> tuple[list[Joint], flo
 
 def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
     """Return the table of all kinds."""
-    everything, kinds = list(joints), (*KINDS, *BEYOND, *WITH_GYROS)
-    lines = [f"{'motion':20} joints shown wrong >3se weak wrong none median   max s/log"]
+    everything, kinds = list(joints), (*KINDS, *BEYOND, *WITH_GYROS, *WITH_ACCELEROMETERS)
+    lines = [f"{'motion':22} joints shown wrong >3se weak wrong none median   max s/log"]
     names = [kind.name for kind in kinds if any(joint.kind == kind.name for joint in everything)]
     for name in [*names, "all"]:
         own = [joint for joint in everything if name in ("all", joint.kind)]
@@ -151,7 +166,7 @@ def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
         middle, most = (f"{100 * f(sizes):.2f}%" if sizes else "" for f in (np.median, max))
         widths = (6, 5, 5, 4, 4, 5, 4)
         row = " ".join(f"{count:{width}d}" for count, width in zip(counts, widths, strict=True))
-        lines.append(f"{name:20} {row} {middle:>6} {most:>5} {np.mean(spent):5.1f}")
+        lines.append(f"{name:22} {row} {middle:>6} {most:>5} {np.mean(spent):5.1f}")
     return "\n".join(lines)
 
 
@@ -163,8 +178,10 @@ def main() -> None:
     others = parser.add_mutually_exclusive_group()
     others.add_argument("--beyond", action="store_true")
     others.add_argument("--gyros", action="store_true")
+    others.add_argument("--accelerometers", action="store_true")
     told = parser.parse_args()
     kinds = BEYOND if told.beyond else WITH_GYROS if told.gyros else KINDS
+    kinds = WITH_ACCELEROMETERS if told.accelerometers else kinds
     joints: list[Joint] = []
     seconds: dict[str, list[float]] = {}
     with suppress(KeyboardInterrupt):

@@ -37,7 +37,7 @@ LATER: dict[str, str] = {
     "model/effects/library/servo_friction model/effects/breakaway",
     "actuators for simulators": "estimation/actuators estimation/actuator_text experiment/replay/actuators",
     "commands as torque, sample times": "logs/checks/commanded logs/repair/sample_times signals/command_torque",
-    "stiffness from the motor side": "model/link_rates estimation/motor_side experiment/stiffness_motion "
+    "stiffness from the motor side": "model/link_vectors estimation/motor_side experiment/stiffness_motion "
     "report/answers/motor_side report/answers/stiffness_motion report/figures/plots/response",
     "excite --resolve": "experiment/resolve report/answers/resolution",
     "trend": "estimation/trend cli/verbs/trend report/answers/trend report/answers/trend_families "

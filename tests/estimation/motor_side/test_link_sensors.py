@@ -1,0 +1,224 @@
+"""Sensors on links without position sensors: their equations, their mounting, and the stiffness that they show."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+from elid_cli._types import Array
+from elid_cli.cli import main
+from elid_cli.estimation.motor_side.estimate import motor_side
+from elid_cli.estimation.motor_side.link_sensors import KINDS, Kind, Sensed, sensors_of, watched
+from elid_cli.estimation.motor_side.result import MotorSide
+from elid_cli.logs import write_recording
+from elid_cli.model.link_vectors import LinkForces, LinkRates, LinkVectors
+from elid_cli.robot.files import read_robot, write_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import ACCEL, GYRO
+from tests.estimation.motor_side.test_pieces import problem_of, setting_of
+from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
+from tests.system.plain_arms import Arm
+
+SLOW = Case(kind="smooth", signal_to_noise=70.0)
+"""Motion that ends far below the antiresonances."""
+
+
+def frames(robot: Robot, q: Array) -> list[Array]:
+    """Return the placements (4, 4) of every link's frame in the base's, by the joints' placements alone."""
+    found: list[Array] = []
+    for k, (joint, (before, after)) in enumerate(zip(robot.joints, robot.placements(), strict=True)):
+        c, s = (np.cos(q[k]), np.sin(q[k])) if joint.revolute else (1.0, 0.0)
+        moved = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0 if joint.revolute else q[k]], [0, 0, 0, 1]])
+        own = before @ moved @ after
+        found.append(found[robot.parents[k]] @ own if robot.parents[k] >= 0 else own)
+    return found
+
+
+def test_rates_of_links_are_those_of_their_rotations() -> None:
+    """By differences of the rotation matrices: Rᵀ dR/dt = [ω]×."""
+    robot = read_robot("puma560")
+    q, dq = np.random.default_rng(5).uniform(-1, 1, (2, robot.n))
+    joints, step = (1, 4, 5), 1e-6
+    found = LinkRates(robot, joints).values((q[None], dq[None]))[0]
+    ahead, behind, here = (frames(robot, q + sign * step * dq) for sign in (1, -1, 0))
+    for rate, k in zip(found, joints, strict=True):
+        cross = (here[k].T @ (ahead[k] - behind[k]))[:3, :3] / (2 * step)
+        assert rate == pytest.approx([cross[2, 1], cross[0, 2], cross[1, 0]], abs=1e-8)
+
+
+def test_forces_on_links_are_those_of_their_places() -> None:
+    """By second differences of where the places are: Rᵀ (d²p/dt² - g)."""
+    robot = read_robot("puma560")
+    generator = np.random.default_rng(7)
+    q, dq, ddq = generator.uniform(-1, 1, (3, robot.n))
+    joints, places, step = (1, 4, 5), generator.uniform(-0.2, 0.2, (3, 3)), 1e-3
+    found = LinkForces(robot, joints).values((q[None], dq[None], ddq[None]), places)[0]
+    ahead, behind, here = (frames(robot, q + t * dq + 0.5 * t * t * ddq) for t in (step, -step, 0.0))
+    for force, k, place in zip(found, joints, places, strict=True):
+        there, before, now = (poses[k] @ np.r_[place, 1.0] for poses in (ahead, behind, here))
+        acceleration = ((there - 2 * now + before) / step**2)[:3]
+        assert force == pytest.approx(here[k][:3, :3].T @ (acceleration - robot.gravity), abs=1e-5)
+
+
+@pytest.mark.parametrize("kind", [LinkRates, LinkForces])
+def test_slopes_of_vectors_are_those_of_differences(kind: type[LinkVectors]) -> None:
+    robot = read_robot("puma560")
+    generator = np.random.default_rng(6)
+    state, places = generator.uniform(-1, 1, (kind.orders, robot.n)), generator.uniform(-0.2, 0.2, (2, 3))
+    vectors = kind(robot, (2, 5))
+    slopes = vectors.slopes(state[:, None], places)
+
+    def moved(step: Array, apart: Array) -> Array:
+        pair = [vectors.values((state + sign * step)[:, None], places + sign * apart)[0] for sign in (1, -1)]
+        return np.asarray((pair[0] - pair[1]) / 2e-6)
+
+    for order in range(kind.orders):
+        for joint in range(robot.n):
+            step = np.zeros_like(state)
+            step[order, joint] = 1e-6
+            assert slopes.by_motion[order, 0, :, :, joint] == pytest.approx(moved(step, 0 * places), abs=1e-7)
+    assert slopes.by_place.shape == (1, 2, 3, kind.placed)
+    for axis in range(kind.placed):
+        apart = np.zeros_like(places)
+        apart[:, axis] = 1e-6
+        assert slopes.by_place[0, :, :, axis] == pytest.approx(moved(0 * state, apart), abs=1e-7)
+
+
+def test_what_sensors_measure_follows_their_mounting_bias_delay_and_place() -> None:
+    setting = setting_of(random_motor_arm(np.random.default_rng([47, 77]), 3))
+    problem, x, coefficients = problem_of(setting)
+    now = problem.model(coefficients, x)
+    slopes = problem.by_unknowns(now, x, problem.friction_slopes(now, x))[1]
+    places = problem.unknowns.of_sensors.tolist()
+    assert len(places) == 2 * 13 + 2 * 16
+    for place in places:
+        step = np.zeros_like(x)
+        step[place] = 1e-6
+        ahead, back = (problem.residual(coefficients, x + sign * step)[1] for sign in (1, -1))
+        moved = (back - ahead) * problem.tau_noise / 2e-6
+        assert slopes[:, :, place] == pytest.approx(moved, abs=1e-6 * max(1.0, np.abs(moved).max()))
+
+
+@pytest.mark.parametrize("kind", ["gyros", "accelerometers"])
+def test_a_first_mounting_is_near_the_true_one(kind: str) -> None:
+    arm = random_motor_arm(np.random.default_rng([1, 77]), 2)
+    log, robot = motor_log(arm, 1, replace(SLOW, **{kind: (0, 1)})), told_robot(arm, 1)
+    found = motor_side(robot, log, np.zeros(2, dtype=bool))
+    assert found is not None
+    assert [sensor.reason for sensor in found.sensors] == ["", ""]
+    for sensor in found.sensors:
+        turn = np.array(sensor.mounting)
+        seen = turn[:, [2]] if kind == "gyros" else turn[:, :2]  # a planar arm turns about z, and moves across it
+        assert seen.T @ seen == pytest.approx(np.eye(seen.shape[1]), abs=0.08)
+        assert sensor.delay == pytest.approx(2e-3, abs=2e-4)
+        assert len(sensor.bias) == 3
+        assert max(map(abs, sensor.bias)) < 0.2
+        assert len(sensor.place) == (3 if kind == "accelerometers" else 0)
+
+
+def arm_of(seed: int) -> Arm:
+    return random_motor_arm(np.random.default_rng([seed, 77]), 2)
+
+
+def said(seed: int, case: Case, **changed: Array) -> MotorSide:
+    arm = arm_of(seed)
+    log = motor_log(arm, seed, case)
+    gyro = log.gyro | {axis: values for axis, values in changed.items() if axis in GYRO}
+    accel = log.accel | {axis: values for axis, values in changed.items() if axis in ACCEL}
+    found = motor_side(told_robot(arm, seed), replace(log, gyro=gyro, accel=accel), np.zeros(2, dtype=bool))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("gyros", 2), ("gyros", 7), ("accelerometers", 5), ("accelerometers", 7)])
+def test_sensors_show_stiffnesses_that_the_motors_do_not(kind: str, seed: int) -> None:
+    alone, together = said(seed, SLOW), said(seed, replace(SLOW, **{kind: (0, 1)}))
+    assert any(joint.verdict != "supported" for joint in alone.joints)
+    for joint in together.joints:
+        assert joint.verdict == "supported"
+        true = arm_of(seed).stiffness[joint.number]
+        assert joint.stiffness == pytest.approx(true, rel=0.004)
+        assert abs(joint.stiffness - true) < 4 * joint.std_error
+
+
+@pytest.mark.parametrize(
+    ("kind", "signals", "reason"),
+    [("gyros", GYRO, "does not turn as its link does"), ("accelerometers", ACCEL, "does not feel what its link does")],
+)
+def test_a_sensor_of_another_link_is_left_out_and_said(kind: str, signals: tuple[str, ...], reason: str) -> None:
+    case = replace(SLOW, **{kind: (0, 1)})
+    log = motor_log(arm_of(2), 2, case)
+    swapped = {axis: np.asarray(log.signal(axis))[:, ::-1] for axis in signals}
+    found, alone = said(2, case, **swapped), said(2, SLOW)
+    assert all(reason in sensor.reason for sensor in found.sensors)
+    assert len(found.sensors) == 2
+    assert [joint.stiffness for joint in found.joints] == pytest.approx(
+        [j.stiffness for j in alone.joints], nan_ok=True
+    )
+
+
+def test_an_accelerometer_that_counts_in_g_is_said_to_feel_a_tenth() -> None:
+    case = replace(SLOW, accelerometers=(0,))
+    log = motor_log(arm_of(2), 2, case)
+    found = said(2, case, **{axis: np.asarray(log.signal(axis)) / 9.80665 for axis in ACCEL})
+    assert re.search(r"it feels 0\.1\d? times as much", found.sensors[0].reason)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.name))
+def test_one_sensor_tells_joints_apart_only_where_their_motions_differ(kind: Kind) -> None:
+    planar, both, still = told_robot(arm_of(2), 2), np.ones(2, dtype=bool), np.zeros((1, 2))
+
+    def seen(robot: Robot, joints: tuple[int, ...], elastic: Array, q: Array) -> list[bool]:
+        return watched([Sensed(kind, robot, joints)], [np.zeros((len(joints), 3))], elastic, q).tolist()
+
+    # the stretched arm's end is moved along one line by both joints, and turned about one axis
+    assert seen(planar, (1,), both, still) == [False, False]
+    assert seen(planar, (0,), both, still) == [True, False]
+    assert seen(planar, (0, 1), both, still) == [True, True]
+    assert seen(planar, (), both, still) == [False, False]
+    robot = read_robot("puma560")
+    assert seen(robot, (1,), np.arange(6) < 2, np.full((1, 6), 0.3))[:2] == [True, True]
+
+
+def test_without_sensors_nothing_is_added() -> None:
+    robot = told_robot(arm_of(2), 2)
+    log = motor_log(arm_of(2), 2, SLOW)
+    for own in sensors_of(robot, log, range(2)):
+        none = Sensed(own.kind, robot, own.joints)
+        assert none.size == 0
+        assert none.prior(own)[0].size == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "unit"), [("gyros", "gyroscope", "mrad/s"), ("accelerometers", "accelerometer", "m/s²")]
+)
+def test_the_report_and_json_say_what_was_found_of_a_sensor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, name: str, unit: str
+) -> None:
+    """From a file with a topic of its own, as a program writes it."""
+    arm = random_motor_arm(np.random.default_rng([21, 77]), 1)
+    write_robot(told_robot(arm, 21), tmp_path / "arm.yaml")
+    write_recording(motor_log(arm, 21, replace(SLOW, **{kind: (0,)})), tmp_path / "log.mcap")
+    line = ["identify", str(tmp_path / "log.mcap"), "--robot", str(tmp_path / "arm.yaml")]
+    assert main(line) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert f"from motor position and torque and from {name}s" in text
+    assert f"{name} behind joint1: used, its mounting found" in text
+    assert re.search(rf" {unit}, (1\.9|2|2\.1) ms late", text)
+    assert main([*line, "--json"]) == 0
+    payload = json.loads(capsys.readouterr().out)
+    (sensor,) = payload["motor_side"][f"{name}s"]
+    assert sensor["joint"] == "joint1"
+    assert sensor["reason"] == ""
+    axis = 2 if kind == "gyros" else 0
+    assert np.linalg.norm(np.array(sensor["mounting"])[:, axis]) == pytest.approx(1.0, abs=0.04)
+    assert ("place" in sensor) == (kind == "accelerometers")
+    schema = json.loads((Path(__file__).parents[3] / "docs/reference/elid-1.schema.json").read_text("utf-8"))
+    own = {"$defs": schema["$defs"], "$ref": "#/$defs/motor_side"}
+    Draft202012Validator(own).validate(payload["motor_side"])
