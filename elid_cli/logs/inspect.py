@@ -6,8 +6,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
@@ -22,6 +25,7 @@ from elid_cli.logs.repair.timeline import build
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.robot.robot import Joint, Robot
+from elid_cli.signals.recording import INERTIAL
 from elid_cli.tables import Shown
 
 MOST_MEASURED = 500
@@ -97,6 +101,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     raw = reshaped(opened[0], mapping, robot.log if robot is not None else None)
     chosen = robot if robot is not None else _guessed(raw)
     plan = _with_effort_named(resolve(raw.channels, layers_of(raw, chosen, mapping), chosen), chosen)
+    plan = _without_unmeasured(raw, plan)
     taken = {signal: placement.places for signal, placement in plan.placements.items()}
     units = getattr(raw, "units", {})
     lacking = needed(plan, chosen, units)
@@ -151,6 +156,21 @@ def _with_effort_named(plan: ReadPlan, robot: Robot) -> ReadPlan:
         return plan
     others = {signal: placement for signal, placement in plan.placements.items() if signal != "tau_link"}
     return replace(plan, placements={**others, "tau": effort})
+
+
+def _without_unmeasured(raw: RawLog, plan: ReadPlan) -> ReadPlan:
+    """Return the plan without sensors on links of which messages hold no number: an Imu has room for both kinds."""
+    asked = {s: p for s, p in plan.placements.items() if s in INERTIAL and all(pick.field for pick in p.picks)}
+    streams = iter(raw.load([pick for placement in asked.values() for pick in placement.picks]) if asked else ())
+    placements = dict(plan.placements)
+    for signal, placement in asked.items():
+        held = [bool(np.isfinite(next(streams).values).any()) for _ in placement.picks]
+        if any(held):
+            picks, joints = tuple(compress(placement.picks, held)), tuple(compress(placement.joints, held))
+            placements[signal] = replace(placement, picks=picks, joints=joints)
+        else:
+            del placements[signal]
+    return replace(plan, placements=placements)
 
 
 def guessed_robot(path: str | Path) -> Robot:

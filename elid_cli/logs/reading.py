@@ -30,7 +30,7 @@ from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.memory import Recent, let_go, side_by_side
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO, MEASURED, Recording, Segment, repeated, unique_notices
+from elid_cli.signals.recording import ACCEL, GYRO, INERTIAL, MEASURED, Recording, Segment, repeated, unique_notices
 
 SAME_RATE = 1e-6
 """Relative difference of sample times that counts as none when logs are joined."""
@@ -38,7 +38,7 @@ BETWEEN_LOGS = 1.0
 """s between logs in the joined time."""
 SLOWEST, FASTEST = 5.0, 1e6
 """Hz; rates outside are a time in another unit."""
-OPTIONAL = ("dq", "dtheta", "tau_link", "temperature", *GYRO, *COMMANDS)
+OPTIONAL = ("dq", "dtheta", "tau_link", "temperature", *INERTIAL, *COMMANDS)
 
 
 @dataclass(frozen=True)
@@ -299,6 +299,8 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         samples += t.size
     whole = {s: values[0] if len(values) == 1 else np.concatenate(values) for s, values in blocks.items()}
     places = {signal: p.places for signal, p in parts[0].plan.placements.items() if p.spec.value is None}
+    for signal in set(INERTIAL) - set(whole):  # an Imu has room for what its sensor does not measure
+        places.pop(signal, None)
     if parts[0].checked.computed:
         places["tau"] = parts[0].checked.computed
     elif "tau" not in places and "tau_link" in places and "tau_link" not in optional:  # an effort of joint states
@@ -310,6 +312,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         t=times[0] if len(times) == 1 else np.concatenate(times),
         **{signal: whole.get(signal) for signal in MEASURED},  # type: ignore[arg-type]
         gyro={signal: whole[signal] for signal in GYRO if signal in whole},
+        accel={signal: whole[signal] for signal in ACCEL if signal in whole},
         commands={signal: whole[signal] for signal in COMMANDS if signal in whole},
         segments=tuple(segments),
         files=files,

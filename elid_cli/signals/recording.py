@@ -16,6 +16,11 @@ MEASURED = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
 """Signals of joints: positions of links and motors, motors' torques, velocities, torque sensors, temperatures."""
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 """Signals of gyroscopes: angular velocities about the sensors' own axes."""
+ACCEL = ("accel_x", "accel_y", "accel_z")
+"""Signals of accelerometers: specific forces (acceleration minus gravity) along the sensors' own axes."""
+LINK_SENSORS = {"gyroscope": GYRO, "accelerometer": ACCEL}
+"""Sensors that links carry -> their signals, one for each axis."""
+INERTIAL = (*GYRO, *ACCEL)
 
 
 def joints_computed(source: str, joints: Sequence[str]) -> NDArray[np.bool_]:
@@ -67,6 +72,9 @@ class Recording(Shown):
     gyro: Mapping[str, Array] = field(default_factory=dict)
     """Angular velocities of the links, each in the axes of a sensor on it, rad/s: `GYRO` -> (N, n), NaN columns where a
     link has no sensor; empty where none has."""
+    accel: Mapping[str, Array] = field(default_factory=dict)
+    """Specific forces (acceleration minus gravity: 9.81 m/s² upwards at rest) at sensors on the links, each in the
+    sensor's axes: `ACCEL` -> (N, n), as `gyro`."""
     commands: Mapping[str, Array] = field(default_factory=dict)
     """What the drives were told, where it was logged: ``q_des dq_des tau_ff kp kd``, held from one sample to the next,
     SI at the joint, each of shape (N, n); NaN columns where a joint has none."""
@@ -88,16 +96,25 @@ class Recording(Shown):
 
     def signal(self, name: str) -> Array | None:
         """Return a signal or command by its name, shape (N, n), or None where the log has none."""
-        several = {**self.commands, **self.gyro}
+        several = {**self.commands, **self.gyro, **self.accel}
         values: Array | None = several[name] if name in several else getattr(self, name, None)
         return values
 
     @property
     def turning(self) -> NDArray[np.bool_]:
         """Joints whose links carry a gyroscope, (n,)."""
-        if any(axis not in self.gyro for axis in GYRO):
+        return self._carrying(self.gyro, GYRO)
+
+    @property
+    def accelerated(self) -> NDArray[np.bool_]:
+        """Joints whose links carry an accelerometer, (n,)."""
+        return self._carrying(self.accel, ACCEL)
+
+    def _carrying(self, held: Mapping[str, Array], axes: Sequence[str]) -> NDArray[np.bool_]:
+        """Return the joints, (n,), whose links have every axis of a sensor."""
+        if any(axis not in held for axis in axes):
             return np.zeros(self.n, dtype=bool)
-        return np.array([not any(is_empty(self.gyro[axis][:, k]) for axis in GYRO) for k in range(self.n)])
+        return np.array([not any(is_empty(held[axis][:, k]) for axis in axes) for k in range(self.n)])
 
     @property
     def link_torque(self) -> NDArray[np.bool_]:

@@ -15,6 +15,8 @@ JOINTS = ("shoulder", "elbow", "wrist")
 GEARS = (100.0, 80.0, 50.0)
 ROBOT = Robot("arm", tuple(Joint(name, gear_ratio=gear) for name, gear in zip(JOINTS, GEARS, strict=True)))
 SIGNALS = ("q", "theta", "tau")
+FIELDS = {"gyroscope": "gyro", "accelerometer": "accel"}
+"""Sensors on links -> the field of a recording that holds what they measure."""
 
 
 def recording(samples: int = 4000, rate: float = 1000.0, *, velocities: bool = False) -> Recording:

@@ -11,8 +11,9 @@ import yaml
 from elid_cli.logs.contract import Channel
 from elid_cli.logs.inspect import inspect_log
 from elid_cli.logs.mapping.suggest import suggestion
+from elid_cli.signals.recording import INERTIAL, LINK_SENSORS
 from tests.logs.faults import table
-from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same, written
+from tests.logs.made_logs import FIELDS, JOINTS, ROBOT, like, read, recording, same, written
 from tests.logs.mcap_made import Bag, canonical, joint_state
 
 BASE = recording(800)
@@ -32,6 +33,20 @@ def test_canonical_logs_need_nothing(tmp_path: Path, name: str) -> None:
         assert channel.rate == pytest.approx(1000)
         assert channel.span == pytest.approx(0.799)
         assert channel.gaps == 0
+
+
+@pytest.mark.parametrize("kind", LINK_SENSORS)
+def test_what_an_imu_does_not_measure_is_not_listed(tmp_path: Path, kind: str) -> None:
+    axes = {axis: np.where(np.arange(3) > 0, BASE.q, np.nan) for axis in LINK_SENSORS[kind]}
+    (other,) = LINK_SENSORS.keys() - {kind}
+    both = {FIELDS[other]: {axis: np.where(np.arange(3) == 0, BASE.q, np.nan) for axis in LINK_SENSORS[other]}}
+    for more in ({}, both):
+        log = like(BASE, **{FIELDS[kind]: axes}, **more)
+        info = inspect_log(written(tmp_path, "log.mcap", log))
+        held = {axis for axis in INERTIAL if log.signal(axis) is not None}
+        assert set(info.taken) == set(info.resolved) == {"q", "theta", "tau", *held}
+        places = [channel.name for channel in info.channels if set(channel.signals) & axes.keys()]
+        assert [any(joint in place for place in places) for joint in JOINTS] == [False, True, True]
 
 
 def test_gaps_are_counted(tmp_path: Path) -> None:

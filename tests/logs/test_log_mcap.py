@@ -14,9 +14,20 @@ from elid_cli.errors import LogError
 from elid_cli.logs import read_recording
 from elid_cli.logs.contract import Pick
 from elid_cli.logs.formats.mcap import McapLog
+from elid_cli.logs.mcap.ros_schema import KNOWN
 from elid_cli.logs.source import open_source
 from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same
-from tests.logs.mcap_made import DYNAMIC, PLAIN, ROBOT_STATE, Bag, add_recording, canonical, joint_state
+from tests.logs.mcap_made import (
+    DYNAMIC,
+    PLAIN,
+    ROBOT_STATE,
+    RULE,
+    STAMP,
+    Bag,
+    add_recording,
+    canonical,
+    joint_state,
+)
 
 BASE = recording(400)
 CONTAINERS = {
@@ -99,6 +110,53 @@ def test_dynamic_joint_states_by_interface_name(tmp_path: Path) -> None:
         "tau": "/dynamic.torque",
     }
     same(read(path, mapping=mapping), BASE)
+
+
+def imu_bag(folder: Path, encoding: str, unknown: slice) -> Path:
+    """Write a log whose messages on /imu say of some rows that accelerations, 1 to 3 m/s², are not measured."""
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic)
+    parts = [f"{RULE}\nMSG: {name}\n{KNOWN[name]}" for name in ("geometry_msgs/Quaternion", "geometry_msgs/Vector3")]
+    bag.topic("/imu", "sensor_msgs/msg/Imu", "\n".join([KNOWN["sensor_msgs/Imu"], *parts, STAMP]), encoding=encoding)
+    add_recording(bag, BASE)
+    vector = {"x": 1.0, "y": 2.0, "z": 3.0}
+    quantities = {"orientation": {**vector, "w": 0.0}, "angular_velocity": vector, "linear_acceleration": vector}
+    known = {f"{name}_covariance": [0.0] * 9 for name in quantities}
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        stamp = 1_700_000_000 * 10**9 + t
+        message = {"header": joint_state(stamp, [], ())["header"], **quantities, **known}
+        if row in range(400)[unknown]:
+            message["linear_acceleration_covariance"] = [-1.0, *[0.0] * 8]
+        bag.add("/imu", stamp, message)
+    path = folder / "log.mcap"
+    path.write_bytes(bag.bytes())
+    return path
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "json"])
+def test_numbers_that_their_covariance_denies_are_left_out_and_said(tmp_path: Path, encoding: str) -> None:
+    mapping = {f"gyro_{axis}": {"from": [None, "/imu", None]} for axis in "xyz"}
+    mapping |= {f"accel_{axis}": {"from": [None, "/imu", None]} for axis in "xyz"}
+    got = read(imu_bag(tmp_path, encoding, slice(None)), mapping=mapping)
+    assert got.turning.tolist() == [False, True, False]
+    assert not got.accelerated.any()
+    assert got.notes == (
+        "linear_acceleration of /imu is left out where its covariance says that it is not measured (-1)",
+    )
+    same(got, BASE)
+    got = read(imu_bag(tmp_path, encoding, slice(0, 0)), mapping=mapping)
+    assert (got.turning.tolist(), got.notes) == (got.accelerated.tolist(), ())
+    assert np.all(got.accel["accel_z"][:, 1] == 3.0)
+
+
+def test_covariances_deny_numbers_message_by_message(tmp_path: Path) -> None:
+    fields = ("linear_acceleration.y", "angular_velocity.y", "linear_acceleration_covariance")
+    path = imu_bag(tmp_path, "cdr", slice(100, 150))
+    values, _ = load(path, *(("/imu", field, (0,)) for field in fields))
+    assert np.array_equal(np.flatnonzero(np.isnan(values[0])), np.arange(100, 150))
+    assert np.all(values[1] == 2.0)
+    assert np.array_equal(np.flatnonzero(values[2]), np.arange(100, 150))
 
 
 def test_custom_messages_by_dotted_path(tmp_path: Path) -> None:

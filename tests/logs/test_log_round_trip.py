@@ -12,8 +12,8 @@ from elid_cli.errors import UsageError
 from elid_cli.logs import read_recording, write_recording
 from elid_cli.logs.writing import formats
 from elid_cli.robot.robot import Joint, Robot
-from elid_cli.signals.recording import GYRO
-from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same, written
+from elid_cli.signals.recording import INERTIAL, LINK_SENSORS, Recording
+from tests.logs.made_logs import FIELDS, JOINTS, ROBOT, like, read, recording, same, written
 
 FORMATS = ("log.csv", "log.csv.gz", "log.h5", "log.hdf5", "log.mcap")
 
@@ -83,22 +83,45 @@ def test_link_torque_and_temperature_survive(tmp_path: Path) -> None:
     assert np.array_equal(got.tau_link, extra.tau_link)
 
 
-def test_gyroscopes_survive_in_every_format(tmp_path: Path) -> None:
+def sensed(base: Recording, kind: str, *joints: int) -> dict[str, dict[str, np.ndarray]]:
+    """Return the field of a recording that holds what sensors of a kind measured on the links of some joints."""
+    carried = np.isin(np.arange(3), joints)
+    return {FIELDS[kind]: {axis: np.where(carried, k + base.q, np.nan) for k, axis in enumerate(LINK_SENSORS[kind])}}
+
+
+@pytest.mark.parametrize("kind", FIELDS)
+def test_sensors_on_links_survive_in_every_format(tmp_path: Path, kind: str) -> None:
     base = recording()
-    rates = {axis: np.where(np.arange(3) == 1, k + base.q, np.nan) for k, axis in enumerate(GYRO)}
-    extra = like(base, gyro=rates)
+    extra = like(base, **sensed(base, kind, 1))
     for name in FORMATS:
         got = read(written(tmp_path, name, extra))
-        assert got.turning.tolist() == [False, True, False]
-        for axis in GYRO:
-            assert np.array_equal(got.gyro[axis], rates[axis], equal_nan=True)
-            assert got.signal(axis) is got.gyro[axis]
+        carried = {"gyroscope": got.turning.tolist(), "accelerometer": got.accelerated.tolist()}
+        assert carried.pop(kind) == [False, True, False]
+        assert list(carried.values()) == [[False] * 3]
+        assert {got.notes, got.warnings, got.repairs} == {()}
+        assert set(got.sources) & set(INERTIAL) == set(LINK_SENSORS[kind])
+        for axis, values in getattr(extra, FIELDS[kind]).items():
+            assert np.array_equal(getattr(got, FIELDS[kind])[axis], values, equal_nan=True)
+            assert got.signal(axis) is getattr(got, FIELDS[kind])[axis]
 
 
-def test_imu_messages_are_those_of_ros(tmp_path: Path) -> None:
+def test_a_link_may_carry_either_sensor_or_both(tmp_path: Path) -> None:
+    """Messages of the same topics: what one of them does not measure comes back as nothing."""
+    base = recording()
+    extra = like(base, **sensed(base, "gyroscope", 0, 1), **sensed(base, "accelerometer", 1, 2))
+    for name in FORMATS:
+        got = read(written(tmp_path, name, extra))
+        assert (got.turning.tolist(), got.accelerated.tolist()) == ([True, True, False], [False, True, True])
+        for axis in INERTIAL:
+            assert np.array_equal(got.signal(axis), extra.signal(axis), equal_nan=True)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kinds", [("gyroscope",), ("accelerometer",), ("gyroscope", "accelerometer")])
+def test_imu_messages_are_those_of_ros(tmp_path: Path, kinds: tuple[str, ...]) -> None:
     """Decoded by another reader."""
     base = recording(20)
-    path = written(tmp_path, "log.mcap", like(base, gyro={axis: base.q + k for k, axis in enumerate(GYRO)}))
+    held = {name: values for kind in kinds for name, values in sensed(base, kind, 2).items()}
+    path = written(tmp_path, "log.mcap", like(base, **held))
     with path.open("rb") as file:
         found = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(f"/imu/{JOINTS[2]}"))
     assert len(found) == 20
@@ -107,40 +130,64 @@ def test_imu_messages_are_those_of_ros(tmp_path: Path) -> None:
         assert schema.name == "sensor_msgs/msg/Imu"
         stamp = message.header.stamp
         assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(base.t[row], abs=1e-9)
-        turning = message.angular_velocity
-        assert [turning.x, turning.y, turning.z] == [base.q[row, 2] + k for k in range(3)]
-        assert message.orientation_covariance[0] == message.linear_acceleration_covariance[0] == -1.0
+        assert message.orientation_covariance[0] == -1.0
+        for kind, quantity in (("gyroscope", "angular_velocity"), ("accelerometer", "linear_acceleration")):
+            vector = getattr(message, quantity)
+            wanted = [base.q[row, 2] + k for k in range(3)] if kind in kinds else [0.0] * 3
+            assert [vector.x, vector.y, vector.z] == wanted
+            covariance = [0.0 if kind in kinds else -1.0, *[0.0] * 8]
+            assert list(getattr(message, f"{quantity}_covariance")) == covariance
 
 
-@pytest.mark.parametrize("unit", ["deg/s", "rad/s"])
-def test_a_gyroscope_is_mapped_to_the_link_that_carries_it(tmp_path: Path, unit: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "field", "unit", "factor"),
+    [
+        ("gyroscope", "angular_velocity", "deg/s", np.pi / 180),
+        ("gyroscope", "angular_velocity", "rad/s", 1.0),
+        ("accelerometer", "linear_acceleration", "", 1.0),
+        ("accelerometer", "linear_acceleration", "m/s^2", 1.0),
+        ("accelerometer", "linear_acceleration", "m/s²", 1.0),
+        ("accelerometer", "linear_acceleration", "g", 9.80665),
+        ("accelerometer", "linear_acceleration", "mg", 9.80665e-3),
+    ],
+)
+def test_a_sensor_is_mapped_to_the_link_that_carries_it(
+    tmp_path: Path, kind: str, field: str, unit: str, factor: float
+) -> None:
     """As an inertial unit with a topic of its own is: one topic, one joint."""
     base = recording()
-    rates = {axis: np.where(np.arange(3) == 0, base.q + k, np.nan) for k, axis in enumerate(GYRO)}
-    path = written(tmp_path, "log.mcap", like(base, gyro=rates))
+    made = sensed(base, kind, 0)
+    path = written(tmp_path, "log.mcap", like(base, **made))
     place = f"/imu/{JOINTS[0]}"
     mapping = {
-        axis: {"from": [None, place, None], "field": f"angular_velocity.{axis[-1]}", "unit": unit} for axis in GYRO
+        axis: {"from": [None, place, None], "field": f"{field}.{axis[-1]}", "unit": unit} for axis in LINK_SENSORS[kind]
     }
     got = read_recording([path], ROBOT, mapping)
-    factor = np.pi / 180 if unit == "deg/s" else 1.0
-    assert got.turning.tolist() == [False, True, False]
-    assert got.gyro["gyro_z"][:, 1] == pytest.approx(factor * rates["gyro_z"][:, 0])
+    assert (got.turning | got.accelerated).tolist() == [False, True, False]
+    for axis, values in made[FIELDS[kind]].items():
+        assert getattr(got, FIELDS[kind])[axis][:, 1] == pytest.approx(factor * values[:, 0])
 
 
-def test_a_gyroscope_without_one_axis_is_dropped_and_said(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", FIELDS)
+def test_a_sensor_without_one_axis_is_dropped_and_said(tmp_path: Path, kind: str) -> None:
     base = recording()
-    axes = {axis: np.where(np.arange(3) == 1, base.q, np.nan) for axis in GYRO}
+    x, y, z = LINK_SENSORS[kind]
+    axes = sensed(base, kind, 1)[FIELDS[kind]]
     whole = np.where(np.arange(3) < 2, base.q, np.nan)
-    got = read(written(tmp_path, "log.h5", like(base, gyro={**axes, "gyro_x": whole, "gyro_z": whole})))
-    assert got.turning.tolist() == [False, True, False]
-    assert np.isnan(got.gyro["gyro_x"][:, 0]).all()
-    assert got.warnings == (f"{JOINTS[0]}: no gyro_y: its gyroscope is not used, as an axis is missing",)
+    got = read(written(tmp_path, "log.h5", like(base, **{FIELDS[kind]: {**axes, x: whole, z: whole}})))
+    assert (got.turning | got.accelerated).tolist() == [False, True, False]
+    assert np.isnan(getattr(got, FIELDS[kind])[x][:, 0]).all()
+    assert got.warnings == (f"{JOINTS[0]}: no {y}: its {kind} is not used, as an axis is missing",)
 
 
-def test_a_unit_that_no_gyroscope_has_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="unknown unit 'm/s'"):
-        read_recording([written(tmp_path, "log.csv")], ROBOT, {"gyro_x": {"from": "gyro_x.{joint}", "unit": "m/s"}})
+@pytest.mark.parametrize(
+    ("signal", "unit", "hint"),
+    [("gyro_x", "m/s", "rev/s"), ("accel_x", "m/s", "m/s²"), ("accel_x", "m/s2", "m/s^2"), ("accel_x", "Mg", "mg")],
+)
+def test_a_unit_that_no_such_sensor_has_is_refused(tmp_path: Path, signal: str, unit: str, hint: str) -> None:
+    with pytest.raises(UsageError, match=f"unknown unit '{unit}'") as caught:
+        read_recording([written(tmp_path, "log.csv")], ROBOT, {signal: {"from": f"{signal}.{{joint}}", "unit": unit}})
+    assert f"'{hint}'" in caught.value.hint
 
 
 def test_standard_input_is_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

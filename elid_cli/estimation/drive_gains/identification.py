@@ -183,6 +183,7 @@ def _of_source(recording: Recording, source: int) -> Recording:
         dq=cut(recording.dq), dtheta=cut(recording.dtheta), tau_link=cut(recording.tau_link),
         temperature=cut(recording.temperature),
         gyro={axis: values[part] for axis, values in recording.gyro.items()},
+        accel={axis: values[part] for axis, values in recording.accel.items()},
         commands={signal: values[part] for signal, values in recording.commands.items()},
         segments=tuple(replace(s, start=s.start - start, stop=s.stop - start, source=0) for s in segments),
     )  # fmt: skip

@@ -160,6 +160,7 @@ def _of_file(recording: Recording, number: int) -> Recording:
     return Recording(
         recording.joints, recording.dt, recording.t[rows], recording.q[rows], recording.theta[rows],
         recording.tau[rows], tau_link=None if recording.tau_link is None else recording.tau_link[rows],
-        gyro={axis: values[rows] for axis, values in recording.gyro.items()}, segments=moved,
+        gyro={axis: values[rows] for axis, values in recording.gyro.items()},
+        accel={axis: values[rows] for axis, values in recording.accel.items()}, segments=moved,
         files=(recording.files[number],),
     )  # fmt: skip

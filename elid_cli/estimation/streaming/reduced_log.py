@@ -94,4 +94,5 @@ def without_positions(recording: Recording) -> Recording:
         return np.broadcast_to(np.where(known, number, np.nan), values.shape)
 
     apart = np.where(recording.missing_link, 0.0, 1.0)  # the same number on both sides of what has one side only
-    return replace(recording, q=told(recording.q), theta=told(recording.theta, apart), dq=None, dtheta=None, gyro={})
+    q, theta = told(recording.q), told(recording.theta, apart)
+    return replace(recording, q=q, theta=theta, dq=None, dtheta=None, gyro={}, accel={})

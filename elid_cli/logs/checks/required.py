@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.repair.stuck import drop_stuck
 from elid_cli.memory import passed, writable
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO
+from elid_cli.signals.recording import LINK_SENSORS
 
 NOTHING = 1e-30
 """An effort or velocity, in SI units, that is none: its square may not even be a number."""
@@ -57,7 +58,7 @@ def check(
     filled |= {s: values for s, values in signals.items() if s not in filled}
     warnings = _drop_zeros(filled, robot.joint_names)
     warnings += _drop_stuck(filled, robot)
-    warnings += _drop_gyros(filled, robot)
+    warnings += _drop_sensors(filled, robot)
     notes: list[str] = []
     _name_efforts(filled, robot, plan, notes)
     computed = _compute_torque(filled, robot, plan, segments, dt, notes) if samples else ""
@@ -83,16 +84,14 @@ def check(
     return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
 
 
-def _drop_gyros(filled: dict[str, Array], robot: Robot) -> list[str]:
-    """Drop gyroscopes of which an axis is not in the log; say so."""
+def _drop_sensors(filled: dict[str, Array], robot: Robot) -> list[str]:
+    """Drop sensors on links of which an axis is not in the log; say so."""
     warnings = []
-    for j, joint in enumerate(robot.joints):
-        lacking = [axis for axis in GYRO if axis not in filled or np.isnan(filled[axis][:, j]).all()]
-        if 0 < len(lacking) < len(GYRO):
-            warnings.append(
-                f"{joint.name}: no {' and '.join(lacking)}: its gyroscope is not used, as an axis is missing"
-            )
-            for axis in set(GYRO) - set(lacking):
+    for (j, joint), (kind, axes) in product(enumerate(robot.joints), LINK_SENSORS.items()):
+        lacking = [axis for axis in axes if axis not in filled or np.isnan(filled[axis][:, j]).all()]
+        if 0 < len(lacking) < len(axes):
+            warnings.append(f"{joint.name}: no {' and '.join(lacking)}: its {kind} is not used, as an axis is missing")
+            for axis in set(axes) - set(lacking):
                 filled[axis] = writable(filled[axis])
                 filled[axis][:, j] = np.nan
     return warnings

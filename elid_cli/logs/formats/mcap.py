@@ -13,13 +13,13 @@ from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.mcap.bulk_decode import CdrDecoder, MessageTable
 from elid_cli.logs.mcap.container import MAGIC, Container, Messages, Readable, summary, walk
-from elid_cli.logs.mcap.fields import NameTable, values_topic
+from elid_cli.logs.mcap.fields import NameTable, covariances, values_topic, without_unmeasured
 from elid_cli.logs.mcap.flat_decode import FlatDecoder, flat_json
 from elid_cli.logs.mcap.protobuf import flattener
 from elid_cli.logs.mcap.ros_schema import definitions_of, short_name
 from elid_cli.logs.mcap.write import write_mcap
 from elid_cli.logs.source import Source
-from elid_cli.signals.recording import GYRO
+from elid_cli.signals.recording import INERTIAL
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 CANONICAL = {
@@ -29,7 +29,7 @@ CANONICAL = {
     "theta": {"from": "/motor_states", "field": "position"},
     "dtheta": {"from": "/motor_states", "field": "velocity"},
     "tau": {"from": "/motor_states", "field": "effort"},
-    **{signal: {"from": "/imu/{joint}"} for signal in GYRO},
+    **{signal: {"from": "/imu/{joint}"} for signal in INERTIAL},
 }
 BARE = {signal: spec | {"from": spec["from"].lstrip("/")} for signal, spec in CANONICAL.items()}
 NAMED = ("sensor_msgs/JointState", "control_msgs/DynamicJointState", "std_msgs/Float64MultiArray")
@@ -57,11 +57,16 @@ class McapLog:
 
     @property
     def canonical(self) -> Sequence[Mapping[str, Any]]:
-        """Link side on /joint_states, motor side on /motor_states, gyroscopes on /imu and the joint's name."""
+        """Link side on /joint_states, motor side on /motor_states, inertial sensors on /imu and the joint's name."""
         return [CANONICAL, BARE]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
         """Decode the wanted topics in one pass (two where names and values are topics of their own)."""
+        told = covariances(picks, self.channels)
+        streams = self._loaded_by_name([*picks, *told.values()])
+        return without_unmeasured(picks, streams, told, self.notes)
+
+    def _loaded_by_name(self, picks: Sequence[Pick]) -> list[Stream]:
         paired = {pick.source for pick in picks} & set(self._names)
         if not paired:
             return self._loaded(picks)

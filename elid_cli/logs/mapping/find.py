@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel
 from elid_cli.logs.mapping.language import GAINS, POSITIONS, TORQUES, VELOCITIES, SignalMap
-from elid_cli.signals.recording import GYRO
+from elid_cli.signals.recording import ACCEL, GYRO
 
 LISTED = 12
 """Fields and names that a reason lists."""
@@ -17,6 +17,7 @@ ABSENT = "the log has no "
 DEFAULT_FIELDS = dict.fromkeys(POSITIONS, "position") | dict.fromkeys(VELOCITIES, "velocity")
 DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {s: s for s in ("temperature", *GAINS)}
 DEFAULT_FIELDS |= {signal: f"angular_velocity.{signal[-1]}" for signal in GYRO}
+DEFAULT_FIELDS |= {signal: f"linear_acceleration.{signal[-1]}" for signal in ACCEL}
 
 
 def find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool) -> Channel | str:

@@ -24,7 +24,7 @@ from elid_cli.logs.mapping.left_out import parse_left_out
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import parse_long
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO, MEASURED
+from elid_cli.signals.recording import ACCEL, GYRO, INERTIAL, MEASURED
 
 POSITIONS = ("q", "theta", "q_des")
 VELOCITIES = ("dq", "dtheta", "dq_des")
@@ -32,12 +32,13 @@ TORQUES = ("tau", "tau_link", "tau_ff")
 GAINS = ("kp", "kd")
 COMMANDS = ("q_des", "dq_des", "tau_ff", *GAINS)
 """What the drive was told, held until the next sample."""
-SIGNALS = (*MEASURED, *GYRO, *COMMANDS)
+SIGNALS = (*MEASURED, *INERTIAL, *COMMANDS)
 KEYS = ("from", "value", "field", "joints", "unit", "scale", "offset", "sign", "side", "add", "time", "unwrap")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3, "cm": 1e-2}
 RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": math.pi / 30, "m/s": 1.0, "mm/s": 1e-3}
 EFFORTS = {"N.m": 1.0, "Nm": 1.0, "N·m": 1.0, "mN.m": 1e-3, "mNm": 1e-3, "kN.m": 1e3, "N": 1.0, "kN": 1e3, "mN": 1e-3}
+ACCELERATIONS = {"m/s^2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3}
 STIFFNESSES = {"N.m/rad": 1.0, "N.m/deg": 180 / math.pi, "N.m.s/rad": 1.0, "N.m.s/deg": 180 / math.pi, "N/m": 1.0}
 EFFORTS |= {"A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1e-2, "percent": 1e-2, "‰": 1e-3, "permille": 1e-3}
 
@@ -48,6 +49,7 @@ UNIT_WORDS = {
     "knm": "kN.m", "n": "N", "kn": "kN", "a": "A", "amp": "A", "ma": "mA", "v": "V", "%": "%", "percent": "%", "‰": "‰",
     "s": "s", "sec": "s", "sek": "s", "ms": "ms", "us": "us", "µs": "us", "ns": "ns", "deg/s": "deg/s", "°/s": "deg/s",
     "grad/s": "deg/s", "rpm": "rpm", "u/min": "rpm", "1/min": "rpm", "min-1": "rpm", "rad/s": "rad/s", "m/s": "m/s",
+    "m/s^2": "m/s^2", "m/s²": "m/s^2", "m/s2": "m/s^2", "m/s/s": "m/s^2",
 }  # fmt: skip
 """Units as headers and people write them, in lower case without spaces and dots -> as the language has them."""
 
@@ -301,6 +303,8 @@ def _unit_factor(signal: str, unit: str, where: str) -> float:
         table = STIFFNESSES
     if signal in GYRO:
         table = {unit: factor for unit, factor in RATES.items() if not unit.startswith("m")}
+    if signal in ACCEL:
+        table = ACCELERATIONS
     if signal == "temperature":
         table = {"degC": 1.0, "°C": 1.0, "C": 1.0}
     if signal in (*POSITIONS, *VELOCITIES) and unit.startswith("counts"):
@@ -315,6 +319,7 @@ def _unit_factor(signal: str, unit: str, where: str) -> float:
     if unit not in table:
         meant = UNIT_WORDS.get(re.sub(r"[\s*·.]", "", unit.lower()))
         gon = " (gradians, 400 to a turn, are counts:400)" if unit.lower() == "grad" else ""
-        hint = f"did you mean {meant!r}?{gon}" if meant in table else did_you_mean(unit, [*table, "counts:4096"])
+        others = table if signal in INERTIAL else [*table, "counts:4096"]
+        hint = f"did you mean {meant!r}?{gon}" if meant in table else did_you_mean(unit, others)
         raise UsageError(f"{where}: unknown unit {unit!r}", hint=hint)
     return table[unit]

@@ -1,4 +1,4 @@
-"""Decoded fields as a mapping asks for them; topics of names and values.
+"""Decoded fields as a mapping asks for them; quantities that are not measured; topics of names and values.
 
 `pal_statistics` and ros2_control's introspection write them: a message of names with a version, then messages of
 values that carry the version of their names. Columns are taken by name, message by message.
@@ -115,6 +115,41 @@ class NameTable:
         moments = np.array([moment for moment, _ in self.since])
         which = np.maximum(np.searchsorted(moments, logged, side="right") - 1, 0)
         return [(which == k, names) for k, (_, names) in enumerate(self.since)]
+
+
+def covariances(picks: Sequence[Pick], channels: Sequence[Channel]) -> dict[int, Pick]:
+    """Return picks of the first number of covariances, by the number of the pick whose quantity they are of.
+
+    An Imu has room for quantities that its sensor does not measure: their covariance begins with -1.
+    """
+    held = {(channel.source, channel.field) for channel in channels}
+    found = {}
+    for number, pick in enumerate(picks):
+        quantity = pick.field.rpartition(".")[0]
+        if quantity and (pick.source, f"{quantity}_covariance") in held:
+            found[number] = Pick(pick.source, f"{quantity}_covariance", (0,))
+    return found
+
+
+def without_unmeasured(
+    picks: Sequence[Pick], streams: Sequence[Stream], told: Mapping[int, Pick], notes: list[str]
+) -> list[Stream]:
+    """Return the streams of picks, with NaN where a quantity is not measured; numbers that this leaves out are noted.
+
+    `streams` are those of the picks, then those of their `covariances`, which are `told` by the picks' numbers.
+    """
+    kept = list(streams[: len(picks)])
+    for number, variance in zip(told, streams[len(picks) :], strict=True):
+        absent = variance.values == -1.0  # (N, 1)
+        if not absent.any():
+            continue
+        values = kept[number].values
+        kept[number] = Stream(np.where(absent, np.nan, values), kept[number].clocks)
+        what = f"{picks[number].field.rpartition('.')[0]} of {picks[number].source}"
+        said = f"{what} is left out where its covariance says that it is not measured (-1)"
+        if said not in notes and np.any(absent & np.isfinite(values) & (values != 0)):
+            notes.append(said)
+    return kept
 
 
 INTERFACES = "interface_names"

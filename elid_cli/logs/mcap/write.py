@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from io import BytesIO
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.logs.mcap.ros_schema import KNOWN
-from elid_cli.signals.recording import GYRO, Recording
+from elid_cli.signals.recording import LINK_SENSORS, Recording
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 CHUNK_SIZE = 1 << 20
@@ -18,8 +19,10 @@ RULE = "=" * 80
 VECTORS = ("geometry_msgs/Quaternion", "geometry_msgs/Vector3")
 IMU_START, FLOATS = 20, 37
 """Bytes before the numbers of an Imu without a frame's name, and how many numbers it has."""
-TURNING, UNKNOWN = slice(13, 16), [4, 28]
-"""Of these the angular velocity, and the first of each covariance that says that a quantity is not known."""
+ORIENTATION_KNOWN = 4
+"""Of these the first of the orientation's covariance: -1 says that a quantity is not known."""
+SENSED = {"gyroscope": slice(13, 16), "accelerometer": slice(25, 28)}
+"""Angular velocity and linear acceleration, the covariance of each behind it."""
 
 
 def joint_state_schema() -> bytes:
@@ -51,12 +54,19 @@ def write_mcap(recording: Recording, name: str) -> bytes:
         messages = joint_states(stamps, recording.joints, signals)
         if messages:
             encoded.append((writer.register_channel(topic, "cdr", schema), messages))
-    turning = np.flatnonzero(recording.turning).tolist()
-    if turning:
+    carried = {"gyroscope": recording.turning, "accelerometer": recording.accelerated}
+    held = {**recording.gyro, **recording.accel}
+    watched = np.flatnonzero(recording.turning | recording.accelerated).tolist()
+    if watched:
         schema = writer.register_schema(IMU, "ros2msg", _schema("sensor_msgs/Imu", *VECTORS))
-    for joint in turning:
-        rates = np.stack([recording.gyro[axis][:, joint] for axis in GYRO], axis=1)
-        encoded.append((writer.register_channel(f"/imu/{recording.joints[joint]}", "cdr", schema), imus(stamps, rates)))
+    for joint in watched:
+        sensed = {
+            kind: np.stack([held[axis][:, joint] for axis in LINK_SENSORS[kind]], axis=1)
+            for kind, joints in carried.items()
+            if joints[joint]
+        }
+        channel = writer.register_channel(f"/imu/{recording.joints[joint]}", "cdr", schema)
+        encoded.append((channel, imus(stamps, sensed)))
     for row, stamp in enumerate(stamps.tolist()):
         for channel, messages in encoded:
             writer.add_message(channel, stamp, messages[row], stamp, row)
@@ -86,11 +96,19 @@ def joint_states(
     return [row.tobytes() for row in table]
 
 
-def imus(stamps: NDArray[np.int64], rates: Array) -> list[bytes]:
-    """Return one CDR Imu per stamp (ns) with angular velocities (N, 3); orientation and acceleration are not known."""
+def imus(stamps: NDArray[np.int64], sensed: Mapping[str, Array]) -> list[bytes]:
+    """Return one CDR Imu per stamp (ns).
+
+    `sensed` are angular velocities, rad/s, and specific forces, m/s², (N, 3) each, by what senses them; what is not
+    there is not known, nor is the orientation.
+    """
     numbers = np.zeros((stamps.size, FLOATS))
-    numbers[:, TURNING] = rates
-    numbers[:, UNKNOWN] = -1.0
+    numbers[:, ORIENTATION_KNOWN] = -1.0
+    for kind, place in SENSED.items():
+        if kind in sensed:
+            numbers[:, place] = sensed[kind]
+        else:
+            numbers[:, place.stop] = -1.0
     table = np.zeros((stamps.size, IMU_START), np.uint8)
     table[:, 1] = 1
     table[:, 4:8].view("<i4")[:, 0] = stamps // 1_000_000_000

@@ -11,10 +11,10 @@ from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text, picked
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO, MEASURED, Recording
+from elid_cli.signals.recording import INERTIAL, MEASURED, Recording
 
 Items = tuple[tuple[str, Cell], ...]
-SIGNALS = (*MEASURED, *GYRO)
+SIGNALS = (*MEASURED, *INERTIAL)
 
 
 def robot_payload(robot: Robot) -> dict[str, Any]:
