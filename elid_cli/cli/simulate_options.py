@@ -116,6 +116,11 @@ sensors = gathered(
            help="Log a gyroscope on the link that this joint moves, mounted in any direction. Repeatable."),
     option(SENSORS, "--gyro-noise", type=Number(least=0), default=0.0, metavar="RAD/S",
            help="White noise on the rates of gyroscopes."),
+    option(SENSORS, "--accelerometer", "accel", multiple=True, metavar="JOINT",
+           help="Log an accelerometer on the link that this joint moves, near the link's origin and mounted in any "
+           "direction. Repeatable."),
+    option(SENSORS, "--accelerometer-noise", "accel_noise", type=Number(least=0), default=0.0, metavar="M/S2",
+           help="White noise on accelerometers."),
 )  # fmt: skip
 
 ideal_drives = option(

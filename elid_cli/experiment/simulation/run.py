@@ -15,7 +15,7 @@ from elid_cli.experiment.simulation.closed_loop import Clock, Controller, follow
 from elid_cli.experiment.simulation.control import ControlOptions, Gains, gains_of
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, active_effects, warm_up
 from elid_cli.experiment.simulation.integration import System, longest_step, reference_scene
-from elid_cli.experiment.simulation.sensors import SensorOptions, gyroscopes, measured
+from elid_cli.experiment.simulation.sensors import SensorOptions, accelerometers, gyroscopes, measured
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.scene import DIRECTION_WIDTH
 from elid_cli.robot.robot import Robot
@@ -140,7 +140,8 @@ def run(
     )  # fmt: skip
     *states, commands, delivered, transmitted = trace.columns()
     motion = Motion(*states)
-    recording = _recording(robot, motion, commands, transmitted, effects, dt, options)
+    stood = phases[-1][1].dynamics.robot  # on a base that is tilted from the start, if at all
+    recording = _recording(stood, motion, commands, transmitted, effects, dt, options)
     asked = reference.evaluate(motion.t)[0]
     facts = _facts(recording, motion, asked, gains)
     exact = [system.longest for _, system in phases if system.longest is not None]
@@ -235,5 +236,6 @@ def _recording(
         t=signals["t"],
         **{name: logged.get(name) for name in MEASURED},  # type: ignore[arg-type]
         gyro=gyroscopes(robot, motion.q, motion.dq, options.sensors, options.seed),
+        accel=accelerometers(robot, motion, options.sensors, options.seed),
         segments=(Segment(0, motion.samples),),
     )

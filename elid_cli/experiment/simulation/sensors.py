@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.recording import LINK_SENSORS
 
-CHANNELS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature", "gyro")
+CHANNELS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature", "gyro", "accel")
 """Signals in the order of their random streams; a new one goes to the end, or the bytes of old seeds change."""
 
 
@@ -51,10 +53,18 @@ class SensorOptions:
     """Joints whose links carry a gyroscope, mounted in any direction and with a bias, as the seed has it."""
     gyro_noise: float = 0.0
     """Standard deviation added to its rates, rad/s."""
+    accel: tuple[str, ...] = ()
+    """Joints whose links carry an accelerometer, near the link's origin, as the seed has it, with direction and bias.
+    It is a sensor of its own: beside a gyroscope it is mounted in another direction."""
+    accel_noise: float = 0.0
+    """Standard deviation added to its readings, m/s²."""
 
 
-BIAS = 0.01
-"""Standard deviation of a gyroscope's bias, rad/s."""
+BIAS = {"gyroscope": 0.01, "accelerometer": 0.05}
+"""Standard deviation of a sensor's bias, rad/s and m/s²."""
+REACH = 0.1
+"""m from the origin of a link's frame within which its accelerometer is."""
+AXES = 3
 
 
 def measured(robot: Robot, signals: dict[str, Array], dt: float, options: SensorOptions, seed: int) -> dict[str, Array]:
@@ -107,26 +117,76 @@ def gyroscopes(robot: Robot, q: Array, dq: Array, options: SensorOptions, seed: 
     UsageError
         No such joint.
     """
-    from elid_cli.model.link_vectors import AXES, LinkRates
+    from elid_cli.model.link_vectors import LinkRates
 
-    unknown = next((name for name in options.gyro if name not in robot.joint_names), None)
-    if unknown is not None:
-        raise UsageError(f"no joint {unknown!r} for a gyroscope", hint=did_you_mean(unknown, robot.joint_names))
-    joints = [robot.joint_names.index(name) for name in dict.fromkeys(options.gyro)]
+    joints = _carriers(robot, options.gyro, "gyroscope")
     if not joints:
         return {}
-    generator = np.random.default_rng([seed, 1 + CHANNELS.index("gyro")])
-    logged = {axis: np.full_like(q, np.nan) for axis in GYRO}
     rates = LinkRates(robot, joints).values((q, dq))
-    for number, joint in enumerate(joints):
+    exact = dict(zip(joints, rates.swapaxes(0, 1), strict=True))
+    generator = np.random.default_rng([seed, 1 + CHANNELS.index("gyro")])
+    return _mounted("gyroscope", exact, robot.n, options.gyro_noise, generator)
+
+
+def accelerometers(robot: Robot, motion: Motion, options: SensorOptions, seed: int) -> dict[str, Array]:
+    """Return what accelerometers on links log, (N, n) by `ACCEL`, of the links' exact motion; empty without any.
+
+    `robot` is in the field of gravity that acted.
+
+    Raises
+    ------
+    UsageError
+        No such joint.
+    """
+    from elid_cli.model.link_vectors import LinkForces
+
+    joints = _carriers(robot, options.accel, "accelerometer")
+    if not joints:
+        return {}
+    stream = [seed, 1 + CHANNELS.index("accel")]
+    places = np.random.default_rng([*stream, 1])
+    felt = LinkForces(robot, joints).values(
+        (motion.q, motion.dq, motion.ddq), np.array([_within(REACH, places) for _ in joints])
+    )
+    exact = dict(zip(joints, felt.swapaxes(0, 1), strict=True))
+    return _mounted("accelerometer", exact, robot.n, options.accel_noise, np.random.default_rng(stream))
+
+
+def _carriers(robot: Robot, names: Sequence[str], kind: str) -> list[int]:
+    """Return the joints, each once, whose links carry a sensor of a kind (UsageError)."""
+    unknown = next((name for name in names if name not in robot.joint_names), None)
+    if unknown is not None:
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise UsageError(f"no joint {unknown!r} for {article} {kind}", hint=did_you_mean(unknown, robot.joint_names))
+    return [robot.joint_names.index(name) for name in dict.fromkeys(names)]
+
+
+def _mounted(
+    kind: str, exact: Mapping[int, Array], joints: int, noise: float, generator: np.random.Generator
+) -> dict[str, Array]:
+    """Return what sensors log that are mounted in any direction, (N, n) by axis, n `joints`.
+
+    `exact` is what they measure in the frames of the links that carry them, (N, 3) by joint; `noise` its standard
+    deviation.
+    """
+    samples = len(next(iter(exact.values())))
+    logged = {axis: np.full((samples, joints), np.nan) for axis in LINK_SENSORS[kind]}
+    for joint, values in exact.items():
         turn, upper = np.linalg.qr(generator.standard_normal((AXES, AXES)))
         turn = turn * np.sign(np.diag(upper))
         turn[:, 0] *= np.linalg.det(turn)
-        own = rates[:, number] @ turn.T + BIAS * generator.standard_normal(AXES)
-        own += options.gyro_noise * generator.standard_normal(own.shape)
-        for axis, values in zip(GYRO, own.T, strict=True):
-            logged[axis][:, joint] = values
+        own = values @ turn.T + BIAS[kind] * generator.standard_normal(AXES)
+        own += noise * generator.standard_normal(own.shape)
+        for axis, column in zip(logged.values(), own.T, strict=True):
+            axis[:, joint] = column
     return logged
+
+
+def _within(reach: float, generator: np.random.Generator) -> list[float]:
+    """Return a place that is anywhere in a ball of radius `reach` about the origin alike, (3,)."""
+    towards = generator.standard_normal(AXES)
+    place: list[float] = (reach * np.cbrt(generator.uniform()) / np.linalg.norm(towards) * towards).tolist()
+    return place
 
 
 def _noise(name: str, exact: Array, dt: float, options: SensorOptions, generator: np.random.Generator) -> Array:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from elid_cli._types import Array
 from elid_cli.errors import UsageError
-from elid_cli.experiment.simulation.sensors import SensorOptions, gyroscopes, measured
-from elid_cli.robot.robot import Joint, Robot
-from elid_cli.signals.recording import GYRO
+from elid_cli.experiment.simulation import SimulationOptions, run
+from elid_cli.experiment.simulation.sensors import SensorOptions, accelerometers, gyroscopes, measured
+from elid_cli.robot.robot import EffectSpec, Joint, Robot
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.recording import ACCEL, GYRO
 
 ROBOT = Robot(
     "three",
@@ -94,6 +98,106 @@ def test_noise_of_a_channel_does_not_depend_on_what_else_is_logged() -> None:
 def test_an_encoder_without_counts_is_refused() -> None:
     with pytest.raises(UsageError):
         logged(counts=0.0)
+
+
+ARM = Robot(
+    "arm",
+    (
+        Joint("base", a=0.4, alpha=0.7, d=0.3, theta=0.2),
+        Joint("elbow", a=0.2, alpha=0.4, d=-0.1),
+        Joint("slide", type="prismatic", a=0.1, alpha=-1.1, theta=0.5),
+    ),
+    gravity=(1.0, -2.0, -9.4),
+)
+
+
+def positions(t: Array) -> Array:
+    """Return positions of three joints, (N, 3), at times (N,), s."""
+    return np.stack([np.sin(3 * t), 1 + np.sin(2 * t) + 0.5 * np.sin(5 * t), 0.2 * np.cos(4 * t)], axis=1)
+
+
+def motion_of(t: Array) -> Motion:
+    """Return the same with exact rates and accelerations."""
+    q = positions(t)
+    dq = np.stack([3 * np.cos(3 * t), 2 * np.cos(2 * t) + 2.5 * np.cos(5 * t), -0.8 * np.sin(4 * t)], axis=1)
+    ddq = np.stack([-9 * np.sin(3 * t), -4 * np.sin(2 * t) - 12.5 * np.sin(5 * t), -3.2 * np.cos(4 * t)], axis=1)
+    return Motion(t, q, dq, ddq, q, dq, ddq)
+
+
+def frames(q: Array, link: int) -> Array:
+    """Return the placements of a link's frame in the base, (N, 4, 4)."""
+    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    for k, (before, after) in enumerate(ARM.placements()[: link + 1]):
+        moved = np.zeros((len(q), 4, 4)) + np.eye(4)
+        if ARM.joints[k].revolute:
+            moved[:, 0, 0] = moved[:, 1, 1] = np.cos(q[:, k])
+            moved[:, 1, 0], moved[:, 0, 1] = np.sin(q[:, k]), -np.sin(q[:, k])
+        else:
+            moved[:, 2, 3] = q[:, k]
+        pose = pose @ before @ moved @ after
+    return pose
+
+
+def forces(link: int, t: Array, point: Array) -> Array:
+    """Return the specific forces, (N, 3), at a point of a link, in its frame, from the point's places in the base."""
+    step = 1e-3
+    places = [(frames(positions(t + s), link) @ np.append(point, 1.0))[:, :3] for s in (-step, 0.0, step)]
+    bent = (places[0] - 2 * places[1] + places[2]) / step**2 - np.array(ARM.gravity)
+    return np.einsum("nij,ni->nj", frames(positions(t), link)[:, :3, :3], bent)
+
+
+@pytest.mark.parametrize("link", [1, 2])
+def test_accelerometers_feel_how_a_point_of_their_link_moves_and_gravity(link: int) -> None:
+    """What they log is the specific force somewhere near the link's origin, turned, and a bias: found by a fit."""
+    t = np.linspace(0.0, 4.0, 400)
+    name = ARM.joint_names[link]
+    for seed in range(3):
+        seen = accelerometers(ARM, motion_of(t), SensorOptions(accel=(name,)), seed)
+        assert set(seen) == set(ACCEL)
+        assert all(np.isnan(np.delete(seen[axis], link, axis=1)).all() for axis in ACCEL)
+        origin = forces(link, t, np.zeros(3))
+        arms = [forces(link, t, point) - origin for point in np.eye(3)]
+        columns = np.hstack([origin, *arms, np.ones((len(t), 1))])
+        logged = np.stack([seen[axis][:, link] for axis in ACCEL], axis=1)
+        found = np.linalg.lstsq(columns, logged, rcond=None)[0]
+        np.testing.assert_allclose(columns @ found, logged, atol=2e-4)
+        turn, bias = found[:3].T, found[-1]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-3)
+        assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-3)
+        place = [float(np.trace(turn.T @ found[3 * k : 3 * k + 3].T)) / 3 for k in (1, 2, 3)]
+        np.testing.assert_allclose(found[3:12].T, np.hstack([r * turn for r in place]), atol=2e-3)
+        assert 0.01 < np.linalg.norm(place) < 0.1
+        assert 0 < np.abs(bias).max() < 4 * 0.05
+
+
+def test_at_rest_an_accelerometer_feels_what_holds_it_up() -> None:
+    """With noise as asked for, and a mounting that is the seed's, whatever is logged after it."""
+    still = np.zeros((N, 3))
+    motion = Motion(T, *[still] * 6)
+    seen = accelerometers(ARM, motion, SensorOptions(accel=("slide",), accel_noise=0.02), 4)
+    felt = np.stack([seen[axis][:, 2] for axis in ACCEL], axis=1)
+    assert np.linalg.norm(felt.mean(axis=0)) == pytest.approx(np.linalg.norm(ARM.gravity), abs=0.2)
+    np.testing.assert_allclose(felt.std(axis=0), 0.02, rtol=0.05)
+    more = accelerometers(ARM, motion, SensorOptions(accel=("slide", "base"), gyro=("slide",), accel_noise=0.02), 4)
+    other = accelerometers(ARM, motion, SensorOptions(accel=("slide",)), 5)
+    for axis in ACCEL:
+        np.testing.assert_array_equal(more[axis][:, 2], seen[axis][:, 2])
+        assert np.abs(other[axis][:, 2] - seen[axis][:, 2]).max() > 0.1
+    assert accelerometers(ARM, motion, SensorOptions(), 4) == {}
+    with pytest.raises(UsageError, match="no joint 'sldie' for an accelerometer") as caught:
+        accelerometers(ARM, motion, SensorOptions(accel=("sldie",)), 4)
+    assert "slide" in caught.value.hint
+
+
+def test_a_simulated_accelerometer_feels_the_gravity_that_acts(planar: Robot) -> None:
+    tilted = replace(planar, effects=(EffectSpec("gravity_direction", None, {"roll": 0.0, "pitch": 0.1}),))
+    sensors = SensorOptions(accel=("joint2",))
+    done = run(tilted, SimulationOptions(duration=0.05, rate=500.0, sensors=sensors))
+    turned = replace(planar, gravity=(9.81 * math.sin(0.1), -9.81 * math.cos(0.1), 0.0))
+    for axis, values in accelerometers(turned, done.motion, sensors, 0).items():
+        np.testing.assert_allclose(done.recording.accel[axis], values, atol=1e-9)
+    upright = accelerometers(planar, done.motion, sensors, 0)
+    assert max(np.nanmax(np.abs(upright[axis] - done.recording.accel[axis])) for axis in ACCEL) > 0.5
 
 
 def test_gyroscopes_turn_with_their_links_in_axes_of_their_own() -> None:
