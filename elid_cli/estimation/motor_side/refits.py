@@ -57,8 +57,8 @@ class Moves:
     friction_gain: float
     """Cost over that with richer friction."""
     spring: Array
-    other_end: tuple[Array, float]
-    """Distance of another end's compliances, as logarithms, and its cost over the best one's; infinite: no other."""
+    other_ends: tuple[tuple[Array, float], ...]
+    """Distances of other ends' compliances, as logarithms, and their costs over the best one's."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def with_moves(found: Search, told: Figures) -> Figures:
         friction=refits.move(friction),
         friction_gain=0.0 if friction is None else best.foreseen / friction.foreseen,
         spring=refits.move(spring),
-        other_end=_other_end(found),
+        other_ends=_other_ends(found),
     )
     return replace(told, moves=moves)
 
@@ -254,15 +254,12 @@ def friction_width(found: Search) -> Array:
     return np.asarray(np.max(moves, axis=0))
 
 
-def _other_end(found: Search) -> tuple[Array, float]:
-    """Return how far another end's compliances lie away, as logarithms, and its cost over the best one's."""
-    far, cost = np.full(found.setting.link.n, np.inf), float("inf")
-    c = found.best.compliance
-    for end in found.ends[1:]:
-        apart = np.abs(np.log(np.maximum(end.compliance, 1e-15) / np.maximum(c, 1e-15)))
-        if apart.max() > 0.03:
-            far, cost = apart, end.cost / found.best.cost
-    return far, cost
+def _other_ends(found: Search) -> tuple[tuple[Array, float], ...]:
+    """Return how far the compliances of other ends lie away, as logarithms, and their costs over the best one's."""
+    best = np.maximum(found.best.compliance, 1e-15)
+    return tuple(
+        (np.abs(np.log(np.maximum(end.compliance, 1e-15) / best)), end.cost / found.best.cost) for end in found.ends[1:]
+    )
 
 
 def _frequencies(best: LatentFit) -> tuple[Array, float]:

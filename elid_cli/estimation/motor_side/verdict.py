@@ -76,7 +76,7 @@ WORDS = {
     "damping": "the transmission's damping is too strong",
     "load": "load friction has no possible value",
     "mass": "the links' inertia is not positive",
-    "others": "another joint moves with the part of the log that is used, or may be rigid, so the fit is not the best",
+    "others": "another joint moves with the part of the log that is used, may be rigid or have another stiffness, so the fit is not the best",
     "negative": "a joint's compliance comes out negative beyond its error, so the fit as a whole is wrong",
 }
 """Why a gate was not passed, the weightiest first."""
@@ -124,8 +124,7 @@ def _stable(asked: Moves, i: int, chi: float) -> list[str]:
         failed.append("friction")
     if chi <= EXPLAINED and not asked.sharp <= SHARP:
         failed.append("noise")
-    far, cost = asked.other_end
-    if np.isfinite(far[i]) and far[i] > OTHER and (cost < OTHER_COST or chi > UNFIT):
+    if any(far[i] > OTHER and (cost < OTHER_COST or chi > UNFIT) for far, cost in asked.other_ends):
         failed.append("other_end")
     return failed
 
@@ -148,14 +147,16 @@ def _shared(told: Figures, i: int) -> list[str]:
     """Return the failed gate about the other joints.
 
     Where a fit leaves more than noise and a joint that is elastic beyond doubt moves with the rows that are used, or
-    may be rigid, the whole is not the valley's bottom, and the others have made up for it.
+    may be rigid, or has another stiffness that fits as well, the whole is not the valley's bottom, and the others have
+    made up for it.
     """
     if told.moves is None or told.chi <= EXPLAINED:
         return []
     sure = told.compliance >= SURE * told.error
     others = [k for k in np.flatnonzero(sure).tolist() if k != i]
     doubtful = any(told.gain[k] < GAIN or _rows_disagree(told.moves, k) for k in others)
-    return ["others"] if doubtful else []
+    rival = any(far.max() > OTHER and cost < OTHER_COST for far, cost in told.moves.other_ends)
+    return ["others"] if doubtful or rival else []
 
 
 def _possible(told: Figures, i: int) -> list[str]:

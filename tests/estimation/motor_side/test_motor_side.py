@@ -153,7 +153,7 @@ def test_a_fit_with_a_negative_compliance_is_believed_at_no_joint() -> None:
 def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None:
     one, none = np.ones(1), np.zeros(1)
     half = none, 0.001 * one
-    moves = Moves(none, 1.0, half, none, (half, half), none, 1.0, none, (0.07 * one, 1.7))
+    moves = Moves(none, 1.0, half, none, (half, half), none, 1.0, none, ((0.07 * one, 1.7),))
     told = Figures(
         compliance=1e-3 * one, error=1e-6 * one, chi=1.0, delay=0.0, damping=none, rotor=one, rotor_pull=none,
         rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=20 * one,
@@ -161,16 +161,17 @@ def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None
     )  # fmt: skip
     assert failed_gates(told, 0) == []  # the other end costs too much to count
     assert failed_gates(replace(told, chi=2.3), 0) == ["other_end"]
-    alone = replace(told, chi=2.3, moves=replace(moves, other_end=(np.full(1, np.inf), np.inf)))
+    alone = replace(told, chi=2.3, moves=replace(moves, other_ends=()))
     assert failed_gates(alone, 0) == []
+    # of several ends every one counts, not the worst alone
+    near = replace(moves, other_ends=((0.07 * one, 1.1), (0.5 * one, 4.5)))
+    assert failed_gates(replace(told, moves=near), 0) == ["other_end"]
 
 
 def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_than_noise_is_left() -> None:
     one, none = np.ones(2), np.zeros(2)
     still, moving = (none, 0.01 * one), (np.array([0.0, 0.25]), 0.01 * one)
-    moves = Moves(
-        none, 1.0, still, np.array([0.0, -0.1]), (still, moving), none, 1.0, none, (np.full(2, np.inf), np.inf)
-    )
+    moves = Moves(none, 1.0, still, np.array([0.0, -0.1]), (still, moving), none, 1.0, none, ())
     told = Figures(
         compliance=np.array([3e-4, 5e-5]), error=np.array([1e-6, 4e-6]), chi=1.4, delay=0.0, damping=none, rotor=one,
         rotor_pull=none, rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=30 * one,
@@ -180,6 +181,11 @@ def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_th
     assert failed_gates(replace(told, chi=1.0), 0) == []
     unsure = replace(told, error=np.array([1e-6, 2e-5]))
     assert failed_gates(unsure, 0) == []
+    # so does a neighbour that has another stiffness with nearly the same cost, or with a far larger one not
+    agreeing = replace(moves, knots=none, halves=(still, still))
+    for cost, names in ((1.1, ["others"]), (1.5, [])):
+        rivals = replace(agreeing, other_ends=((np.array([0.01, 0.08]), cost),))
+        assert failed_gates(replace(told, moves=rivals), 0) == names
 
 
 def without_links() -> Recording:

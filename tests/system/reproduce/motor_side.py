@@ -36,6 +36,7 @@ class Kind:
     """A kind of logs."""
 
     name: str
+    """At most 20 letters, for the table."""
     case: Case
     joints: int = 2
     rigid: tuple[int, ...] = ()
@@ -81,10 +82,10 @@ BEYOND = (
 SEEN = replace(CROSS, kind="smooth", gyros=(0, 1))
 WITH_GYROS = (
     Kind("smooth, gyros", SEEN),
-    Kind("gyros, load, Stribeck", SEEN, load=(0.02, 0.1), stribeck=True),
+    Kind("gyros, friction", SEEN, load=(0.02, 0.1), stribeck=True),
     Kind("gyros, lost motion", SEEN, lost=True),
     Kind("below, gyros", replace(SEEN, kind="below")),
-    Kind("smooth, 17 bit, gyros", replace(SEEN, bits=17)),
+    Kind("17 bit, gyros", replace(SEEN, bits=17)),
     Kind("rigid arm, gyros", SEEN, rigid=(0, 1), told_elastic=True),
     Kind("one joint, gyro", replace(SEEN, gyros=(0,)), joints=1),
     Kind("three joints, gyros", replace(SEEN, gyros=(0, 1, 2)), joints=3),
@@ -93,11 +94,11 @@ WITH_GYROS = (
 FELT = replace(CROSS, kind="smooth", accelerometers=(0, 1))
 WITH_ACCELEROMETERS = (
     Kind("smooth, accel.", FELT),
-    Kind("accel., load, Stribeck", FELT, load=(0.02, 0.1), stribeck=True),
+    Kind("accel., friction", FELT, load=(0.02, 0.1), stribeck=True),
     Kind("accel., lost motion", FELT, lost=True),
     Kind("below, accel.", replace(FELT, kind="below")),
     Kind("cross, accel.", replace(FELT, kind="cross")),
-    Kind("smooth, 17 bit, accel.", replace(FELT, bits=17)),
+    Kind("17 bit, accel.", replace(FELT, bits=17)),
     Kind("rigid arm, accel.", FELT, rigid=(0, 1), told_elastic=True),
     Kind("one joint, accel.", replace(FELT, accelerometers=(0,)), joints=1),
     Kind("three joints, accel.", replace(FELT, accelerometers=(0, 1, 2)), joints=3),
@@ -151,7 +152,7 @@ def judged(number: int, kinds: Sequence[Kind] = KINDS) -> tuple[list[Joint], flo
 def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
     """Return the table of all kinds."""
     everything, kinds = list(joints), (*KINDS, *BEYOND, *WITH_GYROS, *WITH_ACCELEROMETERS)
-    lines = [f"{'motion':22} joints shown wrong >3se weak wrong none median   max s/log"]
+    lines = [f"{'motion':20} joints shown wrong >3se weak wrong none median   max s/log"]
     names = [kind.name for kind in kinds if any(joint.kind == kind.name for joint in everything)]
     for name in [*names, "all"]:
         own = [joint for joint in everything if name in ("all", joint.kind)]
@@ -166,7 +167,7 @@ def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
         middle, most = (f"{100 * f(sizes):.2f}%" if sizes else "" for f in (np.median, max))
         widths = (6, 5, 5, 4, 4, 5, 4)
         row = " ".join(f"{count:{width}d}" for count, width in zip(counts, widths, strict=True))
-        lines.append(f"{name:22} {row} {middle:>6} {most:>5} {np.mean(spent):5.1f}")
+        lines.append(f"{name:20} {row} {middle:>6} {most:>5} {np.mean(spent):5.1f}")
     return "\n".join(lines)
 
 
