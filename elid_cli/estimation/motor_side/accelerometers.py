@@ -60,7 +60,8 @@ def mounted(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tupl
         turn, place, left = _fitted(own, felt[here, number], field[here, number])
         turns.append(turn)
         places.append(place)
-        if not np.linalg.norm(left) < UNLIKE * np.linalg.norm(own - own.mean(axis=0)):
+        changes, missed = (values - values.mean(axis=0) for values in (own, left))  # a bias is no fault
+        if not np.linalg.norm(missed) < UNLIKE * np.linalg.norm(changes):
             weight = float(np.linalg.norm(felt[here, number]))  # for the greatest part, wherever it sits
             ratio = float(np.linalg.norm(own)) / max(weight, 1e-300)
             refused[number] = f"{STRANGE}; it feels {ratio:.2g} times as much"

@@ -163,6 +163,8 @@ def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None
     assert failed_gates(replace(told, chi=2.3), 0) == ["other_end"]
     alone = replace(told, chi=2.3, moves=replace(moves, other_ends=()))
     assert failed_gates(alone, 0) == []
+    # what is fitted to the torque's least noise alone is no valley's bottom, whatever it leaves
+    assert failed_gates(replace(alone, chi=1.5, moves=replace(alone.moves or moves, sharp=3.0)), 0) == ["noise"]
     # of several ends every one counts, not the worst alone
     near = replace(moves, other_ends=((0.07 * one, 1.1), (0.5 * one, 4.5)))
     assert failed_gates(replace(told, moves=near), 0) == ["other_end"]
