@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from elid_cli.diagnosis.by_motion import whole_robot
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
@@ -47,3 +50,39 @@ def test_a_tilted_base_is_found_beside_another_effect_and_a_steep_one_is_not_gue
     signals = prepare(read_recording([written(tmp_path, "steep.h5", steep)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("link_spring", "gravity_direction"))
     assert "gravity_direction" not in {e.effect for e in found.effects}
+
+
+@dataclass(frozen=True)
+class Done:
+    """As much of a search's result as is asked for where a tilt is looked at."""
+
+    after: SimpleNamespace
+    tried: int = 0
+    partial: bool = False
+
+
+def leaving(*errors: float) -> SimpleNamespace:
+    """Return a fit that leaves these errors, one for each joint."""
+    return SimpleNamespace(equations=SimpleNamespace(size=np.array(errors)), above_noise=lambda _: np.array([9.0]))
+
+
+@pytest.mark.parametrize(("error", "asked"), [(0.8, False), (0.5, True)])
+def test_a_tilt_that_explains_little_beside_effects_is_not_searched_with(
+    monkeypatch: pytest.MonkeyPatch, error: float, asked: bool
+) -> None:
+    """The search takes minutes on a quadruped, whose tilt alone takes a fifth of what its springs do."""
+    asks = []
+
+    def search(*_: object) -> Done:
+        asks.append(1)
+        return Done(leaving(1.0, 1.0))
+
+    monkeypatch.setattr(whole_robot, "search", search)
+    turned = SimpleNamespace(fit=SimpleNamespace(values=None, **vars(leaving(error, error))), robot=None)
+    monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
+    none = np.zeros(2, dtype=bool)
+    found = whole_robot.Found(Done(leaving(0.2, 0.2)), leaving(1.0, 1.0), None, np.ones(2), none, None, None, None)  # type: ignore[arg-type]
+    left = whole_robot._by_tilt(found, None, [], ([], []), (), None)  # type: ignore[arg-type]
+    assert bool(asks) == asked
+    assert left.tilt is None
+    assert left.done.tried == 1
