@@ -8,16 +8,12 @@ from itertools import permutations, product
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.gyros import SLOW
-from elid_cli.estimation.motor_side.link_sensors import LinkSensors
-from elid_cli.estimation.motor_side.operators import filtered
-from elid_cli.model.link_vectors import AXES, LinkForces
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors, slowly
+from elid_cli.model.link_vectors import AXES
 from elid_cli.robot.robot import Robot
 
 INSTANTS = 400
 """Instants of the slow motion that are looked at."""
-FAST = 10.0
-"""Frequency, Hz, below which the motors' accelerations are told from their noise."""
 ROUNDS, BEGUN = 40, 3
 """Rounds of place and rotation in turn, and after how many only the best start is gone on with."""
 UNTOLD = 1e-3
@@ -49,11 +45,8 @@ def mounted(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tupl
     """
     if not sensors.joints:
         return sensors, {}
-    felt, field = _felt(sensors, robot, theta, dt)
-    values, reach = filtered(sensors.values, dt, SLOW)
-    measured = replace(sensors, values=values)
-    first = reach if 4 * reach < len(theta) else 2
-    here = np.linspace(first, len(theta) - 1 - first, INSTANTS).astype(int)
+    measured, felt, field, inner = slowly(sensors, robot, theta, dt)
+    here = np.linspace(inner.start, inner.stop - 1, INSTANTS).astype(int)
     turns, places, refused = [], [], {}
     for number in range(len(sensors.joints)):
         own = measured.axes(number)[here]
@@ -67,21 +60,6 @@ def mounted(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tupl
             refused[number] = f"{STRANGE}; it feels {ratio:.2g} times as much"
     used = [number for number in range(len(sensors.joints)) if number not in refused]
     return replace(sensors, mounting=np.array(turns), places=np.array(places)).only(used), refused
-
-
-def _felt(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tuple[Array, Array]:
-    """Return what the origins of the links' frames feel in the motors' motion, and how that changes with the place.
-
-    Both slow, (N, m, 3) and (N, m, 3, 3). Filtered are they and not the motion: they follow its squares and sines.
-    """
-    smooth, _ = filtered(theta, dt, FAST)
-    rate = np.gradient(smooth, dt, axis=0)
-    slopes = LinkForces(robot, sensors.joints).slopes((smooth, rate, np.gradient(rate, dt, axis=0)), sensors.places)
-    felt, field = (
-        filtered(part.reshape(len(theta), -1), dt, SLOW)[0].reshape(part.shape)
-        for part in (slopes.values, slopes.by_place)
-    )
-    return felt, field
 
 
 def _fitted(values: Array, origin: Array, field: Array) -> tuple[Array, Array, Array]:

@@ -7,13 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.link_sensors import LinkSensors
-from elid_cli.estimation.motor_side.operators import filtered
-from elid_cli.model.link_vectors import LinkRates
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors, slowly
 from elid_cli.robot.robot import Robot
 
-SLOW = 1.0
-"""Frequency, Hz, below which links are taken to turn as their motors do, for the mounting."""
 UNLIKE = 0.4
 """Part of a gyroscope's slow rates that a rotation of its link's must leave at most."""
 STRANGE = (
@@ -39,11 +35,7 @@ def mounted(gyros: LinkSensors, robot: Robot, theta: Array, dt: float) -> tuple[
     """
     if not gyros.joints:
         return gyros, {}
-    slow, _ = filtered(theta, dt, SLOW)
-    turning = LinkRates(robot, gyros.joints).values((slow, np.gradient(slow, dt, axis=0)))
-    slowly, reach = filtered(gyros.values, dt, SLOW)
-    measured = replace(gyros, values=slowly)
-    inner = slice(reach, len(theta) - reach) if 4 * reach < len(theta) else slice(None)
+    measured, turning, _, inner = slowly(gyros, robot, theta, dt)
     found, refused = [], {}
     for number in range(len(gyros.joints)):
         pair = turning[inner, number], measured.axes(number)[inner]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.operators import filtered
 from elid_cli.model.link_vectors import AXES, LinkForces, LinkRates, LinkVectors, Slopes
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import ACCEL, GYRO, Recording
@@ -24,6 +25,9 @@ MOUNTING_SPREAD = 0.05
 """Prior standard deviation of every element of M: scale errors and misalignment of small sensors, with a margin."""
 DELAY_SPREAD = 5e-3
 """Prior standard deviation of a delay, s."""
+FAST, SLOW = 10.0, 1.0
+"""Frequencies, Hz: below the first the motors' accelerations are told from their noise, and below the second links are
+taken to move as their motors do, for the mounting."""
 APART = 0.3
 """Least part of a joint's own motion that must be apart from that of the other elastic joints to be seen."""
 
@@ -109,6 +113,35 @@ def _of_kind(kind: Kind, robot: Robot, recording: Recording, moving: Sequence[in
     values = np.stack(columns, axis=1) if columns else np.zeros((recording.samples, 0))
     turned, none = np.tile(np.eye(AXES), (many, 1, 1)), np.zeros((many, AXES))
     return LinkSensors(kind, tuple(joints), values, np.zeros(len(columns)), turned, none)
+
+
+def slowly(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tuple[LinkSensors, Array, Array, slice]:
+    """Return what sensors measure and would in their links' frames if these moved as their motors, both slow.
+
+    The second is (N, m, 3); then how it changes with the place, (N, m, 3, 3) or (N, m, 3, 0), and the samples that no
+    end of the filter reaches. What is felt is filtered and not the motion: it follows that one's squares and sines.
+
+    Parameters
+    ----------
+    sensors
+        What was measured.
+    robot
+        The joints that move.
+    theta
+        Motors' positions at the joints, (N, n).
+    dt
+        Sample time, s.
+    """
+    smooth, _ = filtered(theta, dt, FAST)
+    rate = np.gradient(smooth, dt, axis=0)
+    motion = smooth, rate, np.gradient(rate, dt, axis=0)
+    felt = sensors.kind.vectors(robot, sensors.joints).slopes(motion, sensors.places)
+    values, reach = filtered(sensors.values, dt, SLOW)
+    own, field = (
+        filtered(part.reshape(len(theta), -1), dt, SLOW)[0].reshape(part.shape) for part in (felt.values, felt.by_place)
+    )
+    end = reach if 4 * reach < len(theta) else 2
+    return replace(sensors, values=values), own, field, slice(end, len(theta) - end)
 
 
 class Mounted(NamedTuple):
