@@ -8,7 +8,7 @@ from itertools import permutations, product
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.link_sensors import LinkSensors, slowly
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors, beside, rotation, slowly
 from elid_cli.model.link_vectors import AXES
 from elid_cli.robot.robot import Robot
 
@@ -18,6 +18,9 @@ ROUNDS, BEGUN = 40, 3
 """Rounds of place and rotation in turn, and after how many only the best start is gone on with."""
 UNTOLD = 1e-3
 """Part of a place's effect, of the largest one's, below which the motion does not tell it."""
+MOST_BIAS = 4.0
+"""Bias beyond which it is none, in its prior standard deviations: about a vertical axis a wrong unit changes nothing
+else."""
 UNLIKE = 0.5
 """Part of an accelerometer's slow changes that those of its link must leave at most."""
 STRANGE = (
@@ -53,11 +56,12 @@ def mounted(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tupl
         turn, place, left = _fitted(own, felt[here, number], field[here, number])
         turns.append(turn)
         places.append(place)
-        changes, missed = (values - values.mean(axis=0) for values in (own, left))  # a bias is no fault
-        if not np.linalg.norm(missed) < UNLIKE * np.linalg.norm(changes):
+        bias = left.mean(axis=0)
+        changes, missed = own - own.mean(axis=0), left - bias  # a small bias is no fault
+        unlike = not np.linalg.norm(missed) < UNLIKE * np.linalg.norm(changes)
+        if unlike or np.abs(bias).max() > MOST_BIAS * sensors.kind.bias_spread:
             weight = float(np.linalg.norm(felt[here, number]))  # for the greatest part, wherever it sits
-            ratio = float(np.linalg.norm(own)) / max(weight, 1e-300)
-            refused[number] = f"{STRANGE}; it feels {ratio:.2g} times as much"
+            refused[number] = STRANGE + beside(float(np.linalg.norm(own)) / max(weight, 1e-300), "feels")
     used = [number for number in range(len(sensors.joints)) if number not in refused]
     return replace(sensors, mounting=np.array(turns), places=np.array(places)).only(used), refused
 
@@ -84,8 +88,7 @@ def _from(turn: Array, values: Array, origin: Array, field: Array, rounds: int) 
         rows = (turn @ field).reshape(values.size, AXES)
         place = np.asarray(np.linalg.lstsq(rows, (values - origin @ turn.T).ravel(), rcond=UNTOLD)[0], dtype=np.float64)
         model = origin + field @ place
-        left, _, right = np.linalg.svd(values.T @ model)
-        turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+        turn = rotation(model, values)
     return turn, place, values - model @ turn.T
 
 

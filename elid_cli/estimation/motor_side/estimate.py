@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side import accelerometers, gyros
-from elid_cli.estimation.motor_side.columns import EXPLAINED
+from elid_cli.estimation.motor_side.columns import EXPLAINED, MISFIT
 from elid_cli.estimation.motor_side.hidden import hidden_joints
+from elid_cli.estimation.motor_side.latent_fit import LatentFit
 from elid_cli.estimation.motor_side.link_sensors import LinkSensors, Mounted, sensors_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.motor_log import HIGHEST, Samples
@@ -73,6 +74,12 @@ def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> 
     return MotorSide(tuple(found))
 
 
+PLACED = 0.05
+"""Standard error up to which a coordinate of an accelerometer's place is told, m."""
+MISLEADS = "the equations fit better without sensors of its kind: one may saturate, or sit on another link"
+"""Why sensors of a kind are left out that agree with the motors' slow motion."""
+
+
 def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> MotorSide:
     """Return what is found of the joints that are asked for."""
     sensors = sensors_of(robot, recording, moving)
@@ -82,14 +89,44 @@ def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked:
     seen = _as_moving(robot, recording, moving, asked)
     with np.errstate(all="ignore"):
         used, strange = _mounted(samples, seen)
-        samples, link = replace(samples, sensors=used), LinkSide(seen, [own.joints for own in used])
-        rotors, total = rotors_of(seen, link, samples)
-        setting = Setting(samples, link, rotors)
+        setting, total = _setting(seen, samples, used)
         answer = _answer(setting)
+        for fewer in _fewer(used):
+            if answer is not None and answer.told.chi <= MISFIT:
+                break
+            other, _ = _setting(seen, samples, fewer)
+            found = _answer(other)
+            if found is not None and (answer is None or found.told.chi <= MISFIT):
+                strange = _left_out(strange, sensors, fewer)
+                setting, answer = other, found
     joints = [_judged(robot, k, list(moving).index(k), setting, answer, total) for k in asked]
     seconds = float(samples.t[-1] - samples.t[0])
-    found = _sensors(seen, sensors, strange, answer)
-    return MotorSide(tuple(joints), float("nan") if answer is None else answer.told.chi, seconds, found)
+    told = _sensors(seen, sensors, strange, answer)
+    return MotorSide(tuple(joints), float("nan") if answer is None else answer.told.chi, seconds, told)
+
+
+def _setting(robot: Robot, samples: Samples, sensors: Sequence[LinkSensors]) -> tuple[Setting, Array]:
+    """Return what is fitted with some sensors, and the inertia that each motor moves, kg·m², (n,)."""
+    samples, link = replace(samples, sensors=tuple(sensors)), LinkSide(robot, [own.joints for own in sensors])
+    rotors, total = rotors_of(robot, link, samples)
+    return Setting(samples, link, rotors), total
+
+
+def _fewer(used: Sequence[LinkSensors]) -> Iterator[list[LinkSensors]]:
+    """Yield fewer sensors: one kind of two, then none."""
+    present = [own.kind for own in used if own.joints]
+    for kept in (*((kind,) for kind in present if len(present) > 1), ()) if present else ():
+        yield [own if own.kind in kept else own.only(()) for own in used]
+
+
+def _left_out(
+    strange: Sequence[Mapping[int, str]], logged: Sequence[LinkSensors], kept: Sequence[LinkSensors]
+) -> list[dict[int, str]]:
+    """Return why sensors are left out, with those that the equations do not fit with."""
+    return [
+        dict(why) if own.joints else dict.fromkeys(range(len(whole.joints)), MISLEADS) | dict(why)
+        for why, whole, own in zip(strange, logged, kept, strict=True)
+    ]
 
 
 def _mounted(samples: Samples, robot: Robot) -> tuple[tuple[LinkSensors, ...], list[dict[int, str]]]:
@@ -139,9 +176,18 @@ def _answer(setting: Setting) -> _Answer | None:
         failed, fitted = _failed(found, told), Vibration(found.best)
         shown = [k for k, names in enumerate(failed) if verdict_of(names) != "refused"]
         responses = responses_of(fitted, setting.samples, shown, setting.bands) if shown else {}
-        return _Answer(told, failed, fitted, responses, found.best.problem.mounted(found.best.x))
+        return _Answer(told, failed, fitted, responses, _as_told(found.best))
     except (np.linalg.LinAlgError, ValueError):
         return None
+
+
+def _as_told(best: LatentFit) -> list[Mounted]:
+    """Return how sensors are mounted; coordinates of a place that the motion does not tell are NaN."""
+    values, errors = best.problem.mounted(best.x), best.problem.mounted(best.errors)
+    return [
+        own._replace(places=np.where(error.places < PLACED, own.places, np.nan))
+        for own, error in zip(values, errors, strict=True)
+    ]
 
 
 def _failed(found: Search, told: Figures) -> list[tuple[str, ...]]:
@@ -267,7 +313,8 @@ def _next_motion(robot: Robot, number: int, setting: Setting, place: int, total:
     moved, expected = float(total[place]), expected_antiresonance(robot, number)
     known = bool(np.isfinite(expected))
     top = PAST * expected if known else min(GUESSED_TOP * float(setting.bands[place]), HIGHEST)
-    return NextMotion((DITHER[0] * moved, DITHER[1] * moved), float(top), known, robot.joint_names[number])
+    unit = robot.joints[number].units[1]
+    return NextMotion((DITHER[0] * moved, DITHER[1] * moved), float(top), known, robot.joint_names[number], unit)
 
 
 def _gates(told: Figures, i: int) -> dict[str, float]:

@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.link_sensors import LinkSensors, slowly
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors, beside, rotation, slowly
 from elid_cli.robot.robot import Robot
 
 UNLIKE = 0.4
 """Part of a gyroscope's slow rates that a rotation of its link's must leave at most."""
+STILL = 1e-9
+"""Rate of a link, rad/s, below which it does not turn."""
+SLIDES = "its link does not turn"
 STRANGE = (
     "it does not turn as its link does: the joint it is mapped to, an axis, a sign, the unit or the clock is wrong"
 )
@@ -40,11 +43,12 @@ def mounted(gyros: LinkSensors, robot: Robot, theta: Array, dt: float) -> tuple[
     for number in range(len(gyros.joints)):
         pair = turning[inner, number], measured.axes(number)[inner]
         model, rates = (values - values.mean(axis=0) for values in pair)
-        left, _, right = np.linalg.svd(rates.T @ model)
-        turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+        turn = rotation(model, rates)
         found.append(turn)
-        if not np.linalg.norm(rates - model @ turn.T) < UNLIKE * np.linalg.norm(rates):
-            ratio = float(np.linalg.norm(rates) / max(float(np.linalg.norm(model)), 1e-300))
-            refused[number] = f"{STRANGE}; it turns {ratio:.2g} times as fast"
+        size = float(np.linalg.norm(model))
+        if not size > STILL * len(rates):
+            refused[number] = SLIDES
+        elif not np.linalg.norm(rates - model @ turn.T) < UNLIKE * np.linalg.norm(rates):
+            refused[number] = STRANGE + beside(float(np.linalg.norm(rates)) / size, "turns")
     used = [number for number in range(len(gyros.joints)) if number not in refused]
     return replace(gyros, mounting=np.array(found)).only(used), refused

@@ -28,6 +28,8 @@ DELAY_SPREAD = 5e-3
 FAST, SLOW = 10.0, 1.0
 """Frequencies, Hz: below the first the motors' accelerations are told from their noise, and below the second links are
 taken to move as their motors do, for the mounting."""
+TELLING = 0.2
+"""Distance from 1 from which on a ratio of sizes helps to find what is wrong."""
 APART = 0.3
 """Least part of a joint's own motion that must be apart from that of the other elastic joints to be seen."""
 
@@ -48,6 +50,11 @@ class Kind:
     floor: float
     """Least noise of its rows in that of the torques', shares of each row's size: else a fit that is still on its way
     would follow finely measured accelerations and leave the torques'."""
+
+    @property
+    def placed(self) -> bool:
+        """Whether it feels accelerations, which differ from place to place."""
+        return self.vectors.placed > 0
 
     def joints(self, recording: Recording) -> NDArray[np.bool_]:
         """Return the joints whose links carry one, (n,)."""
@@ -142,6 +149,19 @@ def slowly(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tuple
     )
     end = reach if 4 * reach < len(theta) else 2
     return replace(sensors, values=values), own, field, slice(end, len(theta) - end)
+
+
+def rotation(model: Array, measured: Array) -> Array:
+    """Return the rotation that takes a model's vectors, (N, 3), nearest to measured ones (Kabsch 1976)."""
+    left, _, right = np.linalg.svd(measured.T @ model)
+    found: Array = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return found
+
+
+def beside(ratio: float, verb: str) -> str:
+    """Return how many times as much a sensor measures as its link's motion has, in words, where that tells anything."""
+    how = "fast" if verb == "turns" else "much"
+    return f"; it {verb} {ratio:.2g} times as {how}" if abs(ratio - 1) > TELLING else ""
 
 
 class Mounted(NamedTuple):

@@ -88,11 +88,10 @@ def spectrum(values: Array, rate: float, size: int) -> tuple[Array, Array]:
     return f, power
 
 
-def band_of(samples: Samples) -> Array:
-    """Return the highest frequency at which each joint's position clearly exceeds its noise, Hz, (n,)."""
-    rate = samples.rate
-    f, power = spectrum(samples.theta, rate, min(2048, len(samples.theta) // 2))
-    loud = (power > 6.0 * samples.noise[0] ** 2 / (rate / 2)) & (f < min(HIGHEST, HIGHEST_OF_RATE * rate))[:, None]
+def band_of(values: Array, noise: Array, rate: float) -> Array:
+    """Return the highest frequency at which each column (N, n) clearly exceeds its noise (n,), Hz, (n,)."""
+    f, power = spectrum(values, rate, min(2048, len(values) // 2))
+    loud = (power > 6.0 * noise**2 / (rate / 2)) & (f < min(HIGHEST, HIGHEST_OF_RATE * rate))[:, None]
     highest = [f[np.flatnonzero(column)[-1]] if column.any() else 0.0 for column in loud.T]
     return np.array(highest)
 

@@ -32,6 +32,9 @@ class NextMotion:
     joint: str
     """The joint's name."""
 
+    unit: str = "N·m"
+    """Of the torque, or force."""
+
     @property
     def words(self) -> str:
         """The motion as one sentence."""
@@ -39,8 +42,8 @@ class NextMotion:
         why = "1.3 times the antiresonance that the file's K means" if self.known else "a guess from this log's band"
         return (
             f"10 s, logged at {log_rate(self.top):.0f} Hz, of slow wide motion with a torque multisine of {low} to "
-            f"{high} N·m on top, 1 Hz to {_plain(self.top)} Hz ({why}); `elid excite --robot FILE -o stiffness.csv "
-            f"--show-stiffness {self.option}` makes it"
+            f"{high} {self.unit} on top, 1 Hz to {_plain(self.top)} Hz ({why}); `elid excite --robot FILE "
+            f"-o stiffness.csv --show-stiffness {self.option}` makes it"
         )
 
     @property
@@ -76,7 +79,7 @@ class MotorSideJoint:
     band: float = float("nan")
     """Highest frequency of the motor's motion above its noise, Hz."""
     failed: tuple[str, ...] = ()
-    """Gates that were not passed, as in `gates.WORDS`."""
+    """Gates that were not passed, as in `verdict.WORDS`."""
     gates: Mapping[str, float] = field(default_factory=dict)
     """What the gates looked at."""
     reason: str = ""

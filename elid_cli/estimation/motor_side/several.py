@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
+from elid_cli.estimation.motor_side.result import LinkSensor, MotorSide, MotorSideJoint
 from elid_cli.estimation.motor_side.verdict import REACH
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.moving_joints import constant, held
@@ -89,8 +89,19 @@ def put_together(found: Sequence[tuple[str, MotorSide]], logs: int) -> MotorSide
     seconds = [side.seconds for _, side in found if np.isfinite(side.seconds)]
     misfits = [side.misfit for _, side in found if np.isfinite(side.misfit)]
     return MotorSide(
-        joints, max(misfits, default=float("nan")), sum(seconds) if seconds else float("nan"), found[0][1].sensors
+        joints, max(misfits, default=float("nan")), sum(seconds) if seconds else float("nan"), _sensors(found)
     )
+
+
+def _sensors(found: Sequence[tuple[str, MotorSide]]) -> tuple[LinkSensor, ...]:
+    """Return the sensors on links: where a log used one, as that found it, and beside it the logs that did not."""
+    told: list[LinkSensor] = []
+    for kind, joint in dict.fromkeys((sensor.kind, sensor.joint) for _, side in found for sensor in side.sensors):
+        own = [(log, s) for log, side in found for s in side.sensors if (s.kind, s.joint) == (kind, joint)]
+        told += [sensor for _, sensor in own if not sensor.reason][:1]
+        left = [(log, sensor) for log, sensor in own if sensor.reason]
+        told += [replace(sensor, reason=f"{log}: {sensor.reason}") for log, sensor in left]
+    return tuple(told)
 
 
 def _joint(said: Sequence[tuple[str, MotorSideJoint]], logs: int) -> MotorSideJoint:

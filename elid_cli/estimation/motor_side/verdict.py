@@ -156,7 +156,7 @@ def _shared(told: Figures, i: int) -> list[str]:
     sure = told.compliance >= SURE * told.error
     others = [k for k in np.flatnonzero(sure).tolist() if k != i]
     doubtful = any(told.gain[k] < GAIN or _rows_disagree(told.moves, k) for k in others)
-    rival = any(far.max() > OTHER and cost < OTHER_COST for far, cost in told.moves.other_ends)
+    rival = any(far[k] > OTHER and cost < OTHER_COST for far, cost in told.moves.other_ends for k in others)
     return ["others"] if doubtful or rival else []
 
 

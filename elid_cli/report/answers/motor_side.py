@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -66,7 +67,8 @@ def _sensor_words(sensor: LinkSensor) -> str:
     unit, scale = ("m/s²", 1.0) if sensor.place else ("mrad/s", 1e3)
     bias = ", ".join(f"{scale * value:.2g}" for value in sensor.bias)
     late = f"{abs(1e3 * sensor.delay):.2g} ms {'late' if sensor.delay > 0 else 'early'}"
-    place = f" at ({', '.join(f'{value:.2f}' for value in sensor.place)}) m in the link's frame" if sensor.place else ""
+    where = ", ".join("?" if math.isnan(value) else f"{value:.2f}" for value in sensor.place)
+    place = f" at ({where}) m in the link's frame" if sensor.place else ""
     return f"{name}: used, its mounting found{place}; bias {bias} {unit}, {late}"
 
 
@@ -119,6 +121,7 @@ def motor_side_payload(found: Identification) -> dict[str, Any]:
 
 
 def _sensor_payload(sensor: LinkSensor) -> dict[str, Any]:
+    """Return a sensor on a link as an entry of its kind's list in JSON."""
     own = picked(sensor, "joint reason mounting bias delay")
     return own | ({"place": sensor.place} if sensor.kind == "accelerometer" else {})
 

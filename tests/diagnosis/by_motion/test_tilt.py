@@ -66,22 +66,24 @@ def leaving(*errors: float) -> SimpleNamespace:
     return SimpleNamespace(equations=SimpleNamespace(size=np.array(errors)), above_noise=lambda _: np.array([9.0]))
 
 
-@pytest.mark.parametrize(("error", "asked"), [(0.8, False), (0.5, True)])
-def test_a_tilt_that_explains_little_beside_effects_is_not_searched_with(
-    monkeypatch: pytest.MonkeyPatch, error: float, asked: bool
+@pytest.mark.parametrize(("joints", "error", "asked"), [(2, 0.85, True), (12, 0.973, False), (12, 0.93, True)])
+def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
+    monkeypatch: pytest.MonkeyPatch, joints: int, error: float, asked: bool
 ) -> None:
-    """The search takes minutes on a quadruped, whose tilt alone takes a fifth of what its springs do."""
+    """The search takes minutes on a quadruped: there the sum over twelve joints is no measure."""
     asks = []
+    plain = leaving(*np.ones(joints))
 
     def search(*_: object) -> Done:
         asks.append(1)
-        return Done(leaving(1.0, 1.0))
+        return Done(plain)
 
+    turned = SimpleNamespace(fit=SimpleNamespace(values=None, **vars(leaving(*np.full(joints, error)))))
+    turned.robot, turned.level = None, SimpleNamespace(n=joints)
     monkeypatch.setattr(whole_robot, "search", search)
-    turned = SimpleNamespace(fit=SimpleNamespace(values=None, **vars(leaving(error, error))), robot=None)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
-    none = np.zeros(2, dtype=bool)
-    found = whole_robot.Found(Done(leaving(0.2, 0.2)), leaving(1.0, 1.0), None, np.ones(2), none, None, None, None)  # type: ignore[arg-type]
+    none = np.zeros(joints, dtype=bool)
+    found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, None, None, None)  # type: ignore[arg-type]
     left = whole_robot._by_tilt(found, None, [], ([], []), (), None)  # type: ignore[arg-type]
     assert bool(asks) == asked
     assert left.tilt is None

@@ -14,13 +14,18 @@ from jsonschema import Draft202012Validator
 
 from elid_cli._types import Array
 from elid_cli.cli import main
-from elid_cli.estimation.motor_side.estimate import motor_side
-from elid_cli.estimation.motor_side.link_sensors import KINDS, Kind, Sensed, sensors_of, watched
-from elid_cli.estimation.motor_side.result import MotorSide
+from elid_cli.estimation.motor_side import accelerometers, gyros
+from elid_cli.estimation.motor_side.estimate import MISLEADS, motor_side
+from elid_cli.estimation.motor_side.link_sensors import KINDS, Kind, LinkSensors, Sensed, sensors_of, watched
+from elid_cli.estimation.motor_side.motor_log import Samples
+from elid_cli.estimation.motor_side.result import LinkSensor, MotorSide, MotorSideJoint
+from elid_cli.estimation.motor_side.setting import Setting
+from elid_cli.estimation.motor_side.several import put_together
+from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.logs import write_recording
 from elid_cli.model.link_vectors import LinkForces, LinkRates, LinkVectors
 from elid_cli.robot.files import read_robot, write_robot
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.recording import ACCEL, GYRO
 from tests.estimation.motor_side.test_pieces import problem_of, setting_of
 from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
@@ -106,6 +111,35 @@ def test_what_sensors_measure_follows_their_mounting_bias_delay_and_place() -> N
         assert slopes[:, :, place] == pytest.approx(moved, abs=1e-6 * max(1.0, np.abs(moved).max()))
 
 
+def test_knots_follow_what_sensors_feel_beyond_the_motors_motion() -> None:
+    """Links ring where the motors' positions show nothing; a spline that cannot bends the stiffness."""
+    setting = setting_of(random_motor_arm(np.random.default_rng([47, 77]), 3))
+    gyros, accelerometers = setting.samples.sensors
+    t = setting.samples.t
+    still = replace(accelerometers, values=0.02 * np.random.default_rng(1).standard_normal(accelerometers.values.shape))
+    ringing = replace(still, values=still.values + np.sin(2 * np.pi * 63.0 * t)[:, None])
+    none = sensors_of(told_robot(arm_of(2), 2), motor_log(arm_of(2), 2, SLOW), range(2))
+
+    def set_by(*sensors: LinkSensors) -> Setting:
+        return Setting(replace(setting.samples, sensors=sensors), setting.link, setting.rotors)
+
+    alone, felt = set_by(*none), set_by(gyros, ringing)
+    assert alone.band == alone.bands.max()
+    assert alone.spacing == pytest.approx(np.clip(0.2 / alone.band, 0.003, 0.012))
+    assert felt.band == pytest.approx(63.0, abs=1.5)
+    assert set_by(gyros, still).spacing == pytest.approx(max(0.1 / set_by(gyros, still).band, 0.003))
+    assert felt.cutoff == pytest.approx(1.2 * felt.band)
+
+
+def test_a_stretch_ends_where_a_sensor_has_a_gap() -> None:
+    arm = random_motor_arm(np.random.default_rng([47, 77]), 2)
+    log, robot = motor_log(arm, 47, Case(duration=6.0, accelerometers=(1,))), told_robot(arm, 47)
+    log.accel["accel_y"][2000:2100, 1] = np.nan
+    samples = stretch_of(log, np.arange(2), sensors_of(robot, log, range(2)))
+    assert isinstance(samples, Samples)
+    assert samples.t[0] == log.t[2100]
+
+
 def arm_of(seed: int) -> Arm:
     return random_motor_arm(np.random.default_rng([seed, 77]), 2)
 
@@ -159,6 +193,55 @@ def test_a_sensor_of_another_link_is_left_out_and_said(kind: str, signals: tuple
     assert [joint.stiffness for joint in found.joints] == pytest.approx(
         [j.stiffness for j in alone.joints], nan_ok=True
     )
+
+
+def test_a_sensor_that_misleads_costs_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Accelerometers of other links that pass the first check: the fit without them stands, and the report says so."""
+    case = replace(SLOW, accelerometers=(0, 1), gyros=(0, 1))
+    log = motor_log(arm_of(2), 2, case)
+    swapped = {axis: np.asarray(log.signal(axis))[:, ::-1] for axis in ACCEL}
+    monkeypatch.setattr(accelerometers, "UNLIKE", np.inf)
+    monkeypatch.setattr(accelerometers, "MOST_BIAS", np.inf)
+    found = said(2, case, **swapped)
+    assert {(sensor.kind, sensor.reason) for sensor in found.sensors} == {("gyro", ""), ("accelerometer", MISLEADS)}
+    for joint in found.joints:
+        assert joint.stiffness == pytest.approx(arm_of(2).stiffness[joint.number], rel=0.004)
+
+
+def test_about_a_vertical_axis_a_wrong_unit_is_told_by_the_weight() -> None:
+    robot = Robot("turret", (Joint("turn"),), gravity=(0.0, 0.0, -9.81))
+    t = np.arange(0.0, 6.0, 0.002)
+    theta = np.sin(2.5 * t)[:, None]
+    motion = theta, 2.5 * np.cos(2.5 * t)[:, None], -6.25 * np.sin(2.5 * t)[:, None]
+    felt = LinkForces(robot, (0,)).values(motion, np.array([[0.05, 0.02, 0.0]]))[:, 0]
+    for unit, used in ((1.0, 1), (1 / 9.80665, 0)):
+        logged = LinkSensors(KINDS[1], (0,), unit * felt, np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
+        found, refused = accelerometers.mounted(logged, robot, theta, 0.002)
+        assert (len(found.joints), len(refused)) == (used, 1 - used)
+    assert re.search(r"feels 0\.1\d? times as much", refused[0])
+
+
+def test_a_gyroscope_on_a_link_that_slides_is_said_to_be_on_one() -> None:
+    robot = Robot("slide", (Joint("slide", "prismatic"),))
+    t = np.arange(0.0, 6.0, 0.002)
+    noise = 1e-3 * np.random.default_rng(3).standard_normal((len(t), 3))
+    logged = LinkSensors(KINDS[0], (0,), noise, np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
+    found, refused = gyros.mounted(logged, robot, np.sin(t)[:, None], 0.002)
+    assert found.joints == ()
+    assert refused == {0: "its link does not turn"}
+
+
+def test_several_logs_tell_which_of_them_used_a_sensor() -> None:
+    good = LinkSensor("accelerometer", "joint1", "", bias=(0.1, 0.0, 0.0))
+    bad = LinkSensor("accelerometer", "joint1", "it saturates")
+    joint = MotorSideJoint("joint1", 0, "refused", reason="no motion")
+    sides = [("one.h5", MotorSide((joint,), sensors=(good,))), ("two.h5", MotorSide((joint,), sensors=(bad,)))]
+    for logs in (sides, sides[::-1]):
+        told = put_together(logs, 2)
+        assert [(sensor.reason, sensor.bias) for sensor in told.sensors] == [
+            ("", (0.1, 0.0, 0.0)), ("two.h5: it saturates", ()),
+        ]  # fmt: skip
+        assert told.source == "motor position and torque and from accelerometers"
 
 
 def test_an_accelerometer_that_counts_in_g_is_said_to_feel_a_tenth() -> None:

@@ -188,6 +188,18 @@ def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_th
     for cost, names in ((1.1, ["others"]), (1.5, [])):
         rivals = replace(agreeing, other_ends=((np.array([0.01, 0.08]), cost),))
         assert failed_gates(replace(told, moves=rivals), 0) == names
+        # a neighbour that may be rigid has no stiffness that another could be
+        assert failed_gates(replace(unsure, moves=rivals), 0) == []
+
+
+def test_sensors_stand_for_the_antiresonance_at_the_joints_that_they_tell_alone() -> None:
+    one, none = np.ones(2), np.zeros(2)
+    told = Figures(
+        compliance=1e-3 * one, error=1e-6 * one, chi=1.0, delay=0.0, damping=none, rotor=one, rotor_pull=none,
+        rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=5 * one,
+        antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none, watched=np.array([True, False]),
+    )  # fmt: skip
+    assert [failed_gates(told, k) for k in range(2)] == [[], ["band"]]
 
 
 def without_links() -> Recording:
