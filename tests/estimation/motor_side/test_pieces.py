@@ -74,12 +74,12 @@ def test_pieces_give_the_derivatives_of_differences(arm: Arm, less: float) -> No
     for knot in (1, 40, problem.spline.count - 2):
         for joint in range(3):
             step = np.zeros_like(coefficients)
-            step[knot, joint] = 3e-7
+            step[knot, joint] = 1e-7
             for pieces, moved in differences(problem, x, coefficients, step):
                 place = (knot - pieces.first_knot) * 3 + joint
                 inside = (knot >= pieces.first_knot) & (knot < pieces.first_knot + pieces.knots)
                 assert not moved[~inside].any()
-                found = 3e-7 * by_motion.rows(pieces, slice(None))[np.flatnonzero(inside), :, place[inside]]
+                found = 1e-7 * by_motion.rows(pieces, slice(None))[np.flatnonzero(inside), :, place[inside]]
                 assert np.abs(found - moved[inside]).max() < 5e-5 * np.abs(moved).max() + 1e-10  # rounding
 
 
