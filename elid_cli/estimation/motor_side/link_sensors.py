@@ -269,7 +269,7 @@ def watched(
     sensed
         The sensors of every kind.
     places
-        Where on the links they sit, (m, 3) of every kind.
+        Where on the links they sit, of every kind: (m, 3), or (m, 0) where that is all the same.
     elastic
         Which joints are elastic, (n,).
     q

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ def motor_side_sections(found: Identification) -> list[Section]:
     )
     rows = tuple(_row(found, joint) for joint in joints)
     said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.says]
-    said += [Text(f"{sensor.kind}_{sensor.joint}", _sensor_words(sensor)) for sensor in found.motor_side.sensors]
+    said += sensor_sections(found.motor_side.sensors)
     title = f"stiffness from {found.motor_side.source} (no link position in this log)"
     return [Table("motor_side", columns, rows, title=title, note=NOTE), *said]
 
@@ -55,6 +56,14 @@ def stiffness_items(found: Identification, robot: str) -> Items:
     names = in_words([motion.joint for motion in motions], 6)
     wanted = "slow wide motion with a torque multisine past the antiresonance"
     return ((f"for the stiffness of {names}", wanted), ("command for that", shlex.join(command)))
+
+
+def sensor_sections(sensors: Sequence[LinkSensor]) -> list[Text]:
+    """Return a sentence on every sensor; of several logs there may be more than one on a link."""
+    names = [f"{sensor.kind}_{sensor.joint}" for sensor in sensors]
+    places = [f"_{names[:k].count(name) + 1}" if name in names[:k] else "" for k, name in enumerate(names)]
+    told = zip(names, places, sensors, strict=True)
+    return [Text(f"{name}{place}", _sensor_words(sensor)) for name, place, sensor in told]
 
 
 def _sensor_words(sensor: LinkSensor) -> str:

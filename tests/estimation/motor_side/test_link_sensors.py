@@ -24,6 +24,7 @@ from elid_cli.estimation.motor_side.several import put_together
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.logs import write_recording
 from elid_cli.model.link_vectors import LinkForces, LinkRates, LinkVectors
+from elid_cli.report.answers.motor_side import sensor_sections
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.recording import ACCEL, GYRO
@@ -242,6 +243,9 @@ def test_several_logs_tell_which_of_them_used_a_sensor() -> None:
             ("", (0.1, 0.0, 0.0)), ("two.h5: it saturates", ()),
         ]  # fmt: skip
         assert told.source == "motor position and torque and from accelerometers"
+        shown = sensor_sections(told.sensors)
+        assert [text.key for text in shown] == ["accelerometer_joint1", "accelerometer_joint1_2"]
+        assert "two.h5: it saturates" in shown[1].text
 
 
 def test_an_accelerometer_that_counts_in_g_is_said_to_feel_a_tenth() -> None:
