@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side import accelerometers, gyros
 from elid_cli.estimation.motor_side.columns import EXPLAINED, MISFIT
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.motor_side.latent_fit import LatentFit
 from elid_cli.estimation.motor_side.link_sensors import LinkSensors, Mounted, sensors_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.motor_log import HIGHEST, Samples
+from elid_cli.estimation.motor_side.mounting import mounted
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
 from elid_cli.estimation.motor_side.result import LinkSensor, MotorSide, MotorSideJoint, NextMotion, why
@@ -131,8 +131,7 @@ def _left_out(
 
 def _mounted(samples: Samples, robot: Robot) -> tuple[tuple[LinkSensors, ...], list[dict[int, str]]]:
     """Return the sensors on links with first estimates of how they are mounted, and why others are left out."""
-    ways = (gyros.mounted, accelerometers.mounted)
-    found = [way(own, robot, samples.theta, 1 / samples.rate) for way, own in zip(ways, samples.sensors, strict=True)]
+    found = [mounted(own, robot, samples.theta, 1 / samples.rate) for own in samples.sensors]
     return tuple(used for used, _ in found), [strange for _, strange in found]
 
 

@@ -15,21 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.operators import filtered
 from elid_cli.model.link_vectors import AXES, LinkForces, LinkRates, LinkVectors, Slopes
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import ACCEL, GYRO, Recording
+from elid_cli.signals.recording import GYRO, LINK_SENSORS, Recording
 
 ORIENTED = AXES * AXES
 MOUNTING_SPREAD = 0.05
 """Prior standard deviation of every element of M: scale errors and misalignment of small sensors, with a margin."""
 DELAY_SPREAD = 5e-3
 """Prior standard deviation of a delay, s."""
-FAST, SLOW = 10.0, 1.0
-"""Frequencies, Hz: below the first the motors' accelerations are told from their noise, and below the second links are
-taken to move as their motors do, for the mounting."""
-TELLING = 0.2
-"""Distance from 1 from which on a ratio of sizes helps to find what is wrong."""
 APART = 0.3
 """Least part of a joint's own motion that must be apart from that of the other elastic joints to be seen."""
 
@@ -39,9 +33,7 @@ class Kind:
     """A kind of sensor."""
 
     name: str
-    """Its unknowns' name."""
-    signals: tuple[str, ...]
-    """Of its three axes in a recording."""
+    """As in `LINK_SENSORS`."""
     vectors: type[LinkVectors]
     bias_spread: float
     """Prior standard deviation of a bias, rad/s or m/s²."""
@@ -50,6 +42,11 @@ class Kind:
     floor: float
     """Least noise of its rows in that of the torques', shares of each row's size: else a fit that is still on its way
     would follow finely measured accelerations and leave the torques'."""
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Of its three axes in a recording."""
+        return LINK_SENSORS[self.name]
 
     @property
     def placed(self) -> bool:
@@ -62,8 +59,8 @@ class Kind:
 
 
 KINDS = (
-    Kind("gyro", GYRO, LinkRates, 0.3, 0.0, 0.0),
-    Kind("accelerometer", ACCEL, LinkForces, 0.5, 0.3, 0.1),
+    Kind("gyroscope", LinkRates, 0.3, 0.0, 0.0),
+    Kind("accelerometer", LinkForces, 0.5, 0.3, 0.1),
 )
 
 
@@ -120,48 +117,6 @@ def _of_kind(kind: Kind, robot: Robot, recording: Recording, moving: Sequence[in
     values = np.stack(columns, axis=1) if columns else np.zeros((recording.samples, 0))
     turned, none = np.tile(np.eye(AXES), (many, 1, 1)), np.zeros((many, AXES))
     return LinkSensors(kind, tuple(joints), values, np.zeros(len(columns)), turned, none)
-
-
-def slowly(sensors: LinkSensors, robot: Robot, theta: Array, dt: float) -> tuple[LinkSensors, Array, Array, slice]:
-    """Return what sensors measure and would in their links' frames if these moved as their motors, both slow.
-
-    The second is (N, m, 3); then how it changes with the place, (N, m, 3, 3) or (N, m, 3, 0), and the samples that no
-    end of the filter reaches. What is felt is filtered and not the motion: it follows that one's squares and sines.
-
-    Parameters
-    ----------
-    sensors
-        What was measured.
-    robot
-        The joints that move.
-    theta
-        Motors' positions at the joints, (N, n).
-    dt
-        Sample time, s.
-    """
-    smooth, _ = filtered(theta, dt, FAST)
-    rate = np.gradient(smooth, dt, axis=0)
-    motion = smooth, rate, np.gradient(rate, dt, axis=0)
-    felt = sensors.kind.vectors(robot, sensors.joints).slopes(motion, sensors.places)
-    values, reach = filtered(sensors.values, dt, SLOW)
-    own, field = (
-        filtered(part.reshape(len(theta), -1), dt, SLOW)[0].reshape(part.shape) for part in (felt.values, felt.by_place)
-    )
-    end = reach if 4 * reach < len(theta) else 2
-    return replace(sensors, values=values), own, field, slice(end, len(theta) - end)
-
-
-def rotation(model: Array, measured: Array) -> Array:
-    """Return the rotation that takes a model's vectors, (N, 3), nearest to measured ones (Kabsch 1976)."""
-    left, _, right = np.linalg.svd(measured.T @ model)
-    found: Array = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-    return found
-
-
-def beside(ratio: float, verb: str) -> str:
-    """Return how many times as much a sensor measures as its link's motion has, in words, where that tells anything."""
-    how = "fast" if verb == "turns" else "much"
-    return f"; it {verb} {ratio:.2g} times as {how}" if abs(ratio - 1) > TELLING else ""
 
 
 class Mounted(NamedTuple):

@@ -10,6 +10,7 @@ from elid_cli.errors import in_words
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.antiresonance import PAST, log_rate
 from elid_cli.robot.parameter import StandardParameter
+from elid_cli.signals.recording import LINK_SENSORS
 
 if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.response import Response
@@ -111,16 +112,12 @@ class MotorSideJoint:
         return abs(self.stiffness - self.reference) / abs(self.reference) if self.reference else float("nan")
 
 
-SENSORS = {"gyro": "gyroscope", "accelerometer": "accelerometer"}
-"""Kinds of sensors on links, in words."""
-
-
 @dataclass(frozen=True)
 class LinkSensor:
     """A sensor on a link, and what was found of it."""
 
     kind: str
-    """``gyro`` or ``accelerometer``."""
+    """As in `LINK_SENSORS`."""
     joint: str
     """The joint that moves the link."""
     reason: str = ""
@@ -158,7 +155,7 @@ class MotorSide:
     def source(self) -> str:
         """What the stiffnesses are from."""
         used = {sensor.kind for sensor in self.sensors if not sensor.reason}
-        names = [f"{name}s" for kind, name in SENSORS.items() if kind in used]
+        names = [f"{kind}s" for kind in LINK_SENSORS if kind in used]
         return f"motor position and torque and from {in_words(names)}" if names else "motor position and torque alone"
 
     def of(self, number: int) -> MotorSideJoint | None:

@@ -13,6 +13,7 @@ from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.classification import verdict_mark
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone, picked
+from elid_cli.signals.recording import LINK_SENSORS
 
 if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.result import LinkSensor, MotorSideJoint
@@ -68,9 +69,7 @@ def sensor_sections(sensors: Sequence[LinkSensor]) -> list[Text]:
 
 def _sensor_words(sensor: LinkSensor) -> str:
     """Return what was found of a sensor on a link, a sentence."""
-    from elid_cli.estimation.motor_side.result import SENSORS
-
-    name = f"{SENSORS[sensor.kind]} behind {sensor.joint}"
+    name = f"{sensor.kind} behind {sensor.joint}"
     if sensor.reason:
         return f"{name}: not used ({sensor.reason})"
     unit, scale = ("m/s²", 1.0) if sensor.place else ("mrad/s", 1e3)
@@ -115,15 +114,12 @@ def stiffness_record(found: Identification, joint: MotorSideJoint) -> dict[str, 
 
 def motor_side_payload(found: Identification) -> dict[str, Any]:
     """Return the key ``motor_side`` of JSON: nothing where the motor side was not asked."""
-    from elid_cli.estimation.motor_side.result import SENSORS
-
     side = found.motor_side
     if side is None:
         return {}
     joints = {joint.joint: _joint_payload(joint) for joint in side.joints}
     sensors = {
-        f"{name}s": [_sensor_payload(sensor) for sensor in side.sensors if sensor.kind == kind]
-        for kind, name in SENSORS.items()
+        f"{kind}s": [_sensor_payload(sensor) for sensor in side.sensors if sensor.kind == kind] for kind in LINK_SENSORS
     }
     logged = {name: own for name, own in sensors.items() if own}
     return {"motor_side": {**picked(side, "misfit seconds corrected"), "joints": joints, **logged}}

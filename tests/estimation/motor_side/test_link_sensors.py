@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 from elid_cli._types import Array
 from elid_cli.cli import main
-from elid_cli.estimation.motor_side import accelerometers, gyros
+from elid_cli.estimation.motor_side import mounting
 from elid_cli.estimation.motor_side.estimate import MISLEADS, motor_side
 from elid_cli.estimation.motor_side.link_sensors import KINDS, Kind, LinkSensors, Sensed, sensors_of, watched
 from elid_cli.estimation.motor_side.motor_log import Samples
@@ -201,10 +201,13 @@ def test_a_sensor_that_misleads_costs_no_answer(monkeypatch: pytest.MonkeyPatch)
     case = replace(SLOW, accelerometers=(0, 1), gyros=(0, 1))
     log = motor_log(arm_of(2), 2, case)
     swapped = {axis: np.asarray(log.signal(axis))[:, ::-1] for axis in ACCEL}
-    monkeypatch.setattr(accelerometers, "UNLIKE", np.inf)
-    monkeypatch.setattr(accelerometers, "MOST_BIAS", np.inf)
+    monkeypatch.setattr(mounting, "UNLIKE", np.inf)
+    monkeypatch.setattr(mounting, "MOST_BIAS", np.inf)
     found = said(2, case, **swapped)
-    assert {(sensor.kind, sensor.reason) for sensor in found.sensors} == {("gyro", ""), ("accelerometer", MISLEADS)}
+    assert {(sensor.kind, sensor.reason) for sensor in found.sensors} == {
+        ("gyroscope", ""),
+        ("accelerometer", MISLEADS),
+    }
     for joint in found.joints:
         assert joint.stiffness == pytest.approx(arm_of(2).stiffness[joint.number], rel=0.004)
 
@@ -217,7 +220,7 @@ def test_about_a_vertical_axis_a_wrong_unit_is_told_by_the_weight() -> None:
     felt = LinkForces(robot, (0,)).values(motion, np.array([[0.05, 0.02, 0.0]]))[:, 0]
     for unit, used in ((1.0, 1), (1 / 9.80665, 0)):
         logged = LinkSensors(KINDS[1], (0,), unit * felt, np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
-        found, refused = accelerometers.mounted(logged, robot, theta, 0.002)
+        found, refused = mounting.mounted(logged, robot, theta, 0.002)
         assert (len(found.joints), len(refused)) == (used, 1 - used)
     assert re.search(r"feels 0\.1\d? times as much", refused[0])
 
@@ -227,7 +230,7 @@ def test_a_gyroscope_on_a_link_that_slides_is_said_to_be_on_one() -> None:
     t = np.arange(0.0, 6.0, 0.002)
     noise = 1e-3 * np.random.default_rng(3).standard_normal((len(t), 3))
     logged = LinkSensors(KINDS[0], (0,), noise, np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
-    found, refused = gyros.mounted(logged, robot, np.sin(t)[:, None], 0.002)
+    found, refused = mounting.mounted(logged, robot, np.sin(t)[:, None], 0.002)
     assert found.joints == ()
     assert refused == {0: "its link does not turn"}
 
@@ -269,6 +272,27 @@ def test_one_sensor_tells_joints_apart_only_where_their_motions_differ(kind: Kin
     assert seen(planar, (), both, still) == [False, False]
     robot = read_robot("puma560")
     assert seen(robot, (1,), np.arange(6) < 2, np.full((1, 6), 0.3))[:2] == [True, True]
+
+
+def test_joints_that_move_a_sensor_almost_alike_are_not_told_apart() -> None:
+    """The end of two links: their motions of it are as far apart as the second link's direction is from the whole's."""
+    robot = told_robot(arm_of(2), 2)
+    first, second = (joint.a for joint in robot.joints)
+    bent = np.linspace(0.0, 1.2, 100001)
+    apart = np.sin(np.arctan2(first * np.sin(bent), second + first * np.cos(bent)))
+    both, sensed = np.ones(2, dtype=bool), [Sensed(KINDS[1], robot, (1,))]
+    for share, told in ((0.28, False), (0.32, True)):
+        q = np.array([[0.4, np.interp(share, apart, bent)]])
+        assert watched(sensed, [np.zeros((1, 3))], both, q).tolist() == [told, told]
+
+
+def test_only_rows_of_accelerometers_have_a_least_noise() -> None:
+    """As a share of their own size; gyroscopes' do not lead a fit astray that is on its way."""
+    setting = setting_of(random_motor_arm(np.random.default_rng([47, 77]), 3))
+    log, many = setting.log, 3 * len(setting.samples.sensors[0].joints)
+    size = np.std(log.sensed, axis=0)
+    np.testing.assert_array_equal(log.sensed_size[:many], 0.0)
+    np.testing.assert_allclose(log.sensed_size[many:], 0.1 * size[many:])
 
 
 def test_without_sensors_nothing_is_added() -> None:

@@ -149,12 +149,11 @@ def judged(number: int, kinds: Sequence[Kind] = KINDS) -> tuple[list[Joint], flo
     return told, spent
 
 
-def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
-    """Return the table of all kinds."""
-    everything, kinds = list(joints), (*KINDS, *BEYOND, *WITH_GYROS, *WITH_ACCELEROMETERS)
+def table(joints: Iterable[Joint], seconds: dict[str, list[float]], kinds: Sequence[str]) -> str:
+    """Return the table of all kinds, in their order."""
+    everything = list(joints)
     lines = [f"{'motion':20} joints shown wrong >3se weak wrong none median   max s/log"]
-    names = [kind.name for kind in kinds if any(joint.kind == kind.name for joint in everything)]
-    for name in [*names, "all"]:
+    for name in [*(kind for kind in kinds if kind in seconds), "all"]:
         own = [joint for joint in everything if name in ("all", joint.kind)]
         good = [joint for joint in own if joint.verdict == "supported"]
         weak = [joint for joint in own if joint.verdict == "weak"]
@@ -194,7 +193,7 @@ def main() -> None:
                 f"{joint.verdict} {100 * joint.error:+.2f}% ({joint.sigmas:.1f} errors)" for joint in found
             )
             print(f"{number:4d} {found[0].kind:27} {spent:5.1f} s  {said}", file=sys.stderr, flush=True)
-    print(table(joints, seconds))
+    print(table(joints, seconds, [kind.name for kind in kinds]))
 
 
 if __name__ == "__main__":
