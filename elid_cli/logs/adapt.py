@@ -24,7 +24,7 @@ from elid_cli.logs.writing import recognise
 from elid_cli.robot.locking import beyond_limits, locked
 from elid_cli.robot.robot import Joint, Robot
 
-SAME = "q and theta differ by no more than sensor noise"
+SAME = "q and theta differ by no more than a constant and sensor noise"
 APART = 0.02
 """rad or m from where a joint is locked beyond which it is said to be elsewhere: zeros differ by less."""
 LISTED = 8

@@ -158,8 +158,19 @@ def _other(element: Element, values: dict[str, str]) -> dict[str, str]:
     return {
         key: value
         for key, value in values.items()
-        if key not in element.attributes or not _near(element.number(key, 0.0), float(value))
+        if key not in element.attributes or not _alike(element.attributes[key], value)
     }
+
+
+def _alike(before: str, after: str) -> bool:
+    """Whether two attributes hold the same words, or numbers that are nearly equal."""
+    if before.split() == after.split():
+        return True
+    try:
+        numbers = [[float(word) for word in text.split()] for text in (before, after)]
+    except ValueError:
+        return False
+    return len(numbers[0]) == len(numbers[1]) and all(map(_near, *numbers))
 
 
 def _near(a: float, b: float) -> bool:

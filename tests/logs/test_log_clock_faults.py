@@ -10,6 +10,7 @@ import pytest
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Stream
 from elid_cli.logs.repair.clocks import in_seconds
+from elid_cli.logs.repair.timeline import sample_time
 from tests.logs.faults import Table, table
 from tests.logs.made_logs import SIGNALS, read, recording, same, written
 from tests.logs.mcap_made import Bag, joint_state
@@ -318,3 +319,16 @@ def test_two_episodes_of_hdf5_are_segments(tmp_path: Path) -> None:
     assert [len(s) for s in got.segments] == [1500, 2000]
     assert np.array_equal(got.tau, np.concatenate([BASE.tau[:1500], BASE.tau[2000:]]))
     assert written(tmp_path, "x.csv").exists()
+
+
+@pytest.mark.parametrize("jitter", [0.4e-3, 0.7e-3, 1.2e-3])
+def test_stamps_that_jitter_by_a_quarter_of_a_step_tell_the_rate(jitter: float) -> None:
+    """Steps that are rounded one by one miscount: 200.26 Hz at 0.7 ms."""
+    stamps = np.arange(4000) / 200 + jitter * np.random.default_rng(5).standard_normal(4000)
+    assert sample_time(np.sort(stamps)) == pytest.approx(1 / 200, rel=1e-6)
+
+
+def test_a_lost_sample_is_no_longer_step_of_all() -> None:
+    stamps = np.arange(4000) / 200 + 0.2e-3 * np.random.default_rng(5).standard_normal(4000)
+    for lost in (10, 2000, 3990):
+        assert sample_time(np.delete(stamps, slice(lost, lost + 3))) == pytest.approx(1 / 200, rel=1e-6)

@@ -13,7 +13,7 @@ from elid_cli.errors import RobotError
 from elid_cli.robot.files import read_robot, robot_from_text
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import LINK_PARAMETERS
-from elid_cli.robot.patch import patched
+from elid_cli.robot.patch import _alike, patched
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import in_joint_frames
 from tests.robot.elastic_lagrange import inertia_matrix
@@ -133,3 +133,12 @@ def test_a_lower_torque_limit_reads_back_and_a_higher_one_changes_nothing(text: 
             assert np.array_equal(found[1:], known[1:])
         else:
             assert written == text
+
+
+def test_attributes_of_several_numbers_or_words_are_compared_as_they_are() -> None:
+    """A `actuatorfrcrange` that a file had already ended in an error."""
+    assert _alike("-6.0 6.0", "-6 6")
+    assert _alike("true", "true")
+    assert not _alike("-6.0 6.0", "-5 5")
+    assert not _alike("6.0", "-6 6")
+    assert not _alike("auto", "true")

@@ -24,6 +24,10 @@ COARSE = 0.3
 """Share of repeated stamps above which the clock is coarse rather than some stamps repeated."""
 BLOCK = 1 << 15
 """Stamps looked at at a time."""
+TOGETHER, LINE = 20, 10
+"""Stamps whose mean distance from a line is looked at, and how many such groups a line needs."""
+FARTHEST, SHIFTED = 1.5, 0.25
+"""Steps by which a stamp, and the mean of so many, may be off the line."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,9 @@ def sample_time(t: Array) -> float:
     least, most = step_range(t)
     if 0 < most < 1.4 * least:  # nothing is lost
         return _round(float(t[-1] - t[0]) / (t.size - 1), t.size)
+    complete = _by_line(t)
+    if complete is not None:
+        return _round(complete, t.size)
     steps = np.diff(t)
     typical = float(np.median(steps[steps > 0]))
     counts = np.rint(steps / typical)
@@ -123,6 +130,22 @@ def sample_time(t: Array) -> float:
     if slots < 0.8 * np.count_nonzero(near):  # stamps come in bursts: more samples than slots
         dt = mean
     return _round(dt, t.size)
+
+
+def _by_line(t: Array) -> float | None:
+    """Return the slope of stamps over their numbers where they only jitter about a line; None where samples are lost.
+
+    A lost sample moves all that follow by a whole step, which the mean of some shows and jitter does not.
+    """
+    if t.size < LINE * TOGETHER:
+        return None
+    place = np.arange(t.size, dtype=float)
+    place -= place.mean()
+    dt = float(place @ (t - t[0])) / float(place @ place)
+    left = t - t.mean() - dt * place
+    whole = left[: t.size // TOGETHER * TOGETHER].reshape(-1, TOGETHER).mean(axis=1)
+    still = float(np.abs(left).max()) < FARTHEST * dt and float(np.abs(whole).max()) < SHIFTED * dt
+    return dt if still else None
 
 
 def step_range(t: Array) -> tuple[float, float]:
