@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.climb import Climb
 from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent import PARTS
 from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
@@ -49,9 +48,10 @@ MISFIT = 3.0
 class Columns:
     """Fits from one start, with more and with fewer columns."""
 
-    def __init__(self, setting: Setting, climb: Climb, end: ClimbEnd) -> None:
+    def __init__(self, setting: Setting, end: ClimbEnd, q: Array) -> None:
+        """`q`: the links' positions at the log's samples, (N, n)."""
         self.setting, self.unknowns, self.end = setting, setting.unknowns, end
-        held = self._motion_first(end.x, climb.motion(end, setting.log.t))
+        held = self._motion_first(end.x, q)
         self.x, self.coefficients, self.misfit = held.x, held.coefficients, held.chi
 
     @cached_property

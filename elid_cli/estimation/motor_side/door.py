@@ -21,6 +21,8 @@ PARAMETERS = 6
 """Base parameters of a rigid joint, about."""
 LOWEST = 1.0
 """Hz."""
+STARVED = 0.95
+"""Share of a joint's samples near reversals, from which on a lower cut-off leaves too little."""
 
 
 def asked_motor_side(robot: Robot, signals: Signals, options: EstimateOptions) -> MotorSide | None:
@@ -55,6 +57,12 @@ def below_resonance(signals: Signals, side: MotorSide | None) -> Signals:
     if 2.0 * limit * signals.duration < ENOUGH * PARAMETERS:
         return signals
     return replace(signals.refiltered(limit), cutoff_free=False)
+
+
+def starved(found: Identification) -> bool:
+    """Whether a fit had hardly a sample of a joint: all others are near a reversal."""
+    masked = found.settings.get("masked")
+    return isinstance(masked, list) and any(share > STARVED for share in masked)
 
 
 def rigid_limit(side: MotorSide | None) -> float | None:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.best_end import Search
 from elid_cli.estimation.motor_side.columns import FLOORS, LOST_SHARE, MISFIT
 from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent import Friction, Latent
 from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
 from elid_cli.estimation.motor_side.link_sensors import watched
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
-from elid_cli.estimation.motor_side.search import Search
 from elid_cli.estimation.motor_side.unknowns import Unknowns
 
 LOWER_CUT, FINER = 0.75, 0.75
@@ -31,8 +31,6 @@ PATIENT = Iteration(60, 1e-5)
 MOVED = Iteration(15, np.inf, settle=True, least=3, near=2e-4)
 ROUGHLY = replace(MOVED, near=0.003, least=2)
 """How a fit iterates of which the compliances alone are asked, and where they are held against a gate of percents."""
-SHARP_FLOOR, SHARPLY = FLOORS[-1][0] / 3, Iteration(8, 1e-3)
-"""Least noise of the torque rows, share of the torque, of a refit that must fit them as well, and how it iterates."""
 WATCHED = 25
 """Every so many samples are looked at for what sensors on links tell."""
 CLEAR = 3.0
@@ -46,8 +44,6 @@ class Moves:
     """How far the compliances move in refits, shares of them, (n,) each."""
 
     cut: Array
-    sharp: float
-    """Misfit with a third of the torque rows' least noise, over the misfit."""
     low: tuple[Array, Array]
     """With the lowest cut-off: move and standard error."""
     knots: Array
@@ -92,19 +88,23 @@ class Figures:
     """Share by which they moved the compliance."""
     watched: NDArray[np.bool_]
     """Whether sensors on links tell a link's own motion: then it need not pass its antiresonance."""
+    borne: bool = True
+    """Whether it fits with a third of the torque rows' usual least noise."""
+    sharper: Array | None = None
+    """Share by which the compliance moved with the least noise of the torque rows that was tried."""
     moves: Moves | None = None
     """None where the rest refuses every joint already."""
 
 
 class _Refits:
     def __init__(self, found: Search) -> None:
-        self.setting, self.best = found.setting, found.best
+        self.setting, self.best, self.floor = found.setting, found.best, found.floor
         self.n = self.setting.link.n
 
     def fitted(
         self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0,
         further: Sequence[Friction] = (), lost_scale: Array | None = None, held: tuple[int, float] | None = None,
-        floor: float = FLOORS[-1][0], how: Iteration = MOVED,
+        how: Iteration = MOVED,
     ) -> LatentFit | None:  # fmt: skip
         """Return a refit from the best fit's end, or None where it fails; `held`: a joint at a compliance, 0 if rigid.
 
@@ -125,7 +125,7 @@ class _Refits:
             x[unknowns["c"][joint]], free[unknowns["c"][joint]] = compliance, False
             if compliance == 0.0:
                 q[:, joint], same = log.theta[:, joint], False
-        problem.filter_torque(cutoff or setting.cutoff, floor)
+        problem.filter_torque(cutoff or setting.cutoff, self.floor)
         try:
             return fit(problem, x, best.coefficients if same else problem.spline.fit(q), free, how)
         except (np.linalg.LinAlgError, ValueError):
@@ -137,10 +137,6 @@ class _Refits:
             return np.full(self.n, np.inf)
         with np.errstate(all="ignore"):
             return np.asarray(found.compliance / self.best.compliance - 1)
-
-    def sharp(self) -> float:
-        found = self.fitted(floor=SHARP_FLOOR, how=SHARPLY)
-        return np.inf if found is None else found.foreseen / found.freedom / self.best.chi
 
     def low(self) -> tuple[Array, Array]:
         found = self.fitted(cutoff=LOWEST_CUT * self.setting.band)
@@ -193,11 +189,14 @@ def first_figures(found: Search) -> Figures:
     with np.errstate(all="ignore"):
         sensitivity = np.abs(V[np.ix_(at["c"], at["J"])] / prior.spread).max(axis=1) / np.abs(best.compliance)
         pull = np.where(setting.link.elastic, (J - prior.value) / prior.spread, 0.0)
+    usual = found.usual.errors[at["c"]] / np.maximum(np.abs(found.usual.compliance), 1e-300)
+    error = np.maximum(best.errors[at["c"]], usual * np.abs(best.compliance))
     places = [mounted.places for mounted in best.problem.mounted(x)]
     return Figures(
-        best.compliance, best.errors[at["c"]], best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
+        best.compliance, error, best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
         sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, *_frequencies(best), gain, found.fall,
         found.moved, watched(best.problem.link.sensed, places, setting.link.elastic, best.model.q[0][::WATCHED]),
+        borne=found.borne, sharper=found.sharper,
     )  # fmt: skip
 
 
@@ -210,7 +209,6 @@ def with_moves(found: Search, told: Figures) -> Figures:
     spring = refits.fitted(lost_scale=share * best.model.spring.std(axis=0))
     moves = Moves(
         cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band, how=ROUGHLY)),
-        sharp=refits.sharp(),
         low=refits.low(),
         knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer, how=ROUGHLY)),
         halves=refits.halves(),
@@ -229,7 +227,7 @@ def rise(found: Search, joint: int, share: float, least: float) -> float:
 
     Where a valley of the cost is bent or has neighbours, a standard error from its curvature promises too much.
     """
-    refits, best = _Refits(found), found.best
+    refits, best = _Refits(replace(found, best=found.usual, floor=FLOORS[-1][0])), found.usual
     unit = max(1.0, best.chi)
     lowest, limit = np.inf, best.cost + least * unit
     how = replace(PATIENT, low=limit, high=limit, above=best.cost + CLEAR * least * unit)
@@ -256,10 +254,9 @@ def friction_width(found: Search) -> Array:
 
 def _other_ends(found: Search) -> tuple[tuple[Array, float], ...]:
     """Return how far the compliances of other ends lie away, as logarithms, and their costs over the best one's."""
-    best = np.maximum(found.best.compliance, 1e-15)
-    return tuple(
-        (np.abs(np.log(np.maximum(end.compliance, 1e-15) / best)), end.cost / found.best.cost) for end in found.ends[1:]
-    )
+    best, *others = found.ends
+    least = np.maximum(best.compliance, 1e-15)
+    return tuple((np.abs(np.log(np.maximum(end.compliance, 1e-15) / least)), end.cost / best.cost) for end in others)
 
 
 def _frequencies(best: LatentFit) -> tuple[Array, float]:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.best_end import Search, concluded
 from elid_cli.estimation.motor_side.climb import Climb
 from elid_cli.estimation.motor_side.columns import COARSE, EXPLAINED, FLOORS, MISFIT, UNFIT, Columns
-from elid_cli.estimation.motor_side.iteration import Iteration
-from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
+from elid_cli.estimation.motor_side.latent_fit import LatentFit
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, RATIO, ClimbEnd
 from elid_cli.estimation.motor_side.setting import Setting
@@ -20,12 +19,6 @@ from elid_cli.estimation.motor_side.setting import Setting
 _OTHER_CLIMBS = ((True, 14.0, 14.0), (False, None, 0.0))
 """Further climbs where no start leads to noise: whether with load friction, from which locked frequency, Hz, and below
 which cut-off it is held."""
-FURTHER, FALL, _RUNS = Iteration(20, 1e-4, least=1), 0.001, 4
-"""How the best end is gone on from, the fall of its cost, share of it, that ends it, and the most times: a fit that
-crawls has not found its valley's bottom, whatever it looks like."""
-CREEPS, RESTS = 0.03, 1e-4
-"""Most that further steps may lower the cost of a fit that leaves noise alone and whose compliances move by less than
-this share: friction's kinks settle last."""
 LOST, LOST_AT_ONCE = 5000.0, 100.0
 """Cost from which on a climb's best rung leads nowhere, and that of one that gets no further than its first: what
 follows mends friction, and not equations that fail. Measured: simulated logs with every friction up to 115, 14. Last
@@ -44,23 +37,6 @@ _CLIMB_RATE = 16.0
 """Sample rate of the climb over the end of the band."""
 
 
-@dataclass(frozen=True)
-class Search:
-    """Ends of the search, the best first."""
-
-    setting: Setting
-    ends: tuple[LatentFit, ...]
-    fall: float
-    """Share by which the cost of the best end fell in further steps."""
-    moved: Array
-    """Share by which its compliances moved in them, (n,)."""
-
-    @property
-    def best(self) -> LatentFit:
-        """The end of least cost."""
-        return self.ends[0]
-
-
 def search(setting: Setting) -> Search:
     """Fit a log from every start that a climb gives.
 
@@ -69,11 +45,9 @@ def search(setting: Setting) -> Search:
     numpy.linalg.LinAlgError
         No start leads anywhere.
     """
-    climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
-    climb = Climb(climb_log, setting.unknowns, setting.rotors, setting.band)
-    fits = _Fits(setting, climb)
+    fits = _of_rougher(setting)
     lost = True
-    for start in climb.ends():
+    for start in fits.climb.ends() if not fits.told else ():
         if not _lost(start):
             lost = False
             fits.look_at(start)
@@ -88,17 +62,21 @@ def search(setting: Setting) -> Search:
     fits.take_the_best()
     if not fits.ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
-    first, *others = sorted(fits.ends, key=lambda end: end.cost)
-    fall, moved = 0.0, np.zeros(setting.link.n)
-    for _ in range(0 if any(first is end for end in fits.hopeless) else _RUNS):
-        further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
-        fall = (first.cost - further.cost) / further.cost
-        moved = np.abs(further.compliance - first.compliance) / np.maximum(np.abs(first.compliance), 1e-300)
-        first = further
-        rests = first.chi <= EXPLAINED and fall < CREEPS and moved.max() < RESTS
-        if abs(fall) < FALL or first.chi > UNFIT or rests:
-            break
-    return Search(setting, (first, *others), fall, moved)
+    return concluded(setting, sorted(fits.ends, key=lambda end: end.cost), fits.hopeless)
+
+
+def _of_rougher(setting: Setting) -> _Fits:
+    """Return fits from where the search of the same log with rougher sensors ended; none where they are rough."""
+    climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
+    fits = _Fits(setting, Climb(climb_log, setting.unknowns, setting.rotors, setting.band))
+    rougher = setting.rougher
+    if rougher is not None:
+        with suppress(np.linalg.LinAlgError):
+            best = search(rougher).best
+            t = np.clip(setting.log.t, *best.problem.log.t[[0, -1]])
+            fits.look_at(ClimbEnd(best.x, best.chi, rougher.band), best.problem.spline.at(t, best.coefficients))
+            fits.go_on()
+    return fits
 
 
 def _lost(start: ClimbEnd) -> bool:
@@ -152,10 +130,10 @@ class _Fits:
         """Whether an end leaves the sensors' noise alone and tells every compliance: no other start says more."""
         return any(end.chi <= EXPLAINED and _close(end) for end in self.ends)
 
-    def look_at(self, start: ClimbEnd) -> None:
-        """Fit from a start with the coarsest floor."""
+    def look_at(self, start: ClimbEnd, q: Array | None = None) -> None:
+        """Fit from a start with the coarsest floor; `q`: its links' positions where no climb has them, (N, n)."""
         with suppress(np.linalg.LinAlgError, ValueError):
-            columns = Columns(self.setting, self.climb, start)
+            columns = Columns(self.setting, start, self.climb.motion(start, self.setting.log.t) if q is None else q)
             if columns.misfit <= NO_PATH and np.isfinite(columns.coarsest.cost):
                 self.seen.append(columns)
                 self._waiting.append(columns)

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from elid_cli.estimation.motor_side.best_end import CREEPS, FALL
 from elid_cli.estimation.motor_side.columns import EXPLAINED, MISFIT, UNFIT
 from elid_cli.estimation.motor_side.refits import GAIN, Figures, Moves
-from elid_cli.estimation.motor_side.search import CLOSE, CREEPS, FALL
+from elid_cli.estimation.motor_side.search import CLOSE
 from elid_cli.estimation.result import Verdict
 
 CRAWLS = 1e-4
@@ -26,9 +27,6 @@ NEGATIVE = 3.0
 QUIET_GAIN = 1.5
 """The same as `GAIN` where the fit leaves the sensors' noise alone: no rigid joint leaves half as much again by chance,
 and what a compliance could imitate would leave more than noise itself."""
-SHARP = 2.0
-"""Most that the misfit may rise where the torque's least noise is a third. Measured: simulated logs at their valleys
-1.0 to 1.5, wrong valleys of logs of little noise 3.7 to 5.4."""
 LOWEST = 0.98
 """Least cost of any rigid joint over the cost; of the joint itself: `GAIN`."""
 MOVE, HALVES = 0.03, 0.05
@@ -58,7 +56,8 @@ WORDS = {
     "gain": "a rigid joint fits nearly as well",
     "band": "the motion ends below the antiresonance",
     "misfit": "the model does not reach the sensors' noise",
-    "noise": "the torque is fitted to some 0.3 %, but not to the sensors' noise",
+    "noise": "the torque is fitted to some 0.3 %, but not to 0.1 % or the sensors' noise",
+    "sharper": "it moves with how closely the torque must be fitted",
     "sure": "the compliance is within its error of none",
     "close": "its standard error is above 3 %",
     "settled": "the fit does not settle",
@@ -106,6 +105,8 @@ def _seen(told: Figures, i: int) -> list[str]:
         "close": error <= CLOSE * c,
         "band": told.watched[i] or told.band[i] >= REACH * told.antiresonance[i],
         "misfit": told.chi <= MISFIT,
+        "noise": told.borne,
+        "sharper": told.sharper is None or abs(told.sharper[i]) < MOVE,
         "gain": told.gain[i] >= (QUIET_GAIN if told.chi <= EXPLAINED else GAIN),
         "settled": told.fall < FALL or (told.fall < CREEPS and told.moved[i] < STILL * MOVE),
         "lowest": told.gain.min() > LOWEST,
@@ -123,8 +124,6 @@ def _stable(asked: Moves, i: int, chi: float) -> list[str]:
     failed = _rows_disagree(asked, i) + [name for name, move in moves.items() if not abs(move[i]) < MOVE]
     if asked.friction_gain > FRICTION_GAIN and not abs(asked.friction[i]) < FRICTION_MOVE and "friction" not in failed:
         failed.append("friction")
-    if not asked.sharp <= SHARP:
-        failed.append("noise")
     if any(far[i] > OTHER and (cost < OTHER_COST or chi > UNFIT) for far, cost in asked.other_ends):
         failed.append("other_end")
     return failed

@@ -13,9 +13,10 @@ import pytest
 from elid_cli import EstimateOptions, Identification, SignalOptions, identify, prepare
 from elid_cli.cli import main
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, FoundEffect, diagnose
+from elid_cli.estimation import identify as module
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
-from elid_cli.logs import write_recording
+from elid_cli.logs import read_recording, write_recording
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.missing import own_elasticity
 from elid_cli.report.figures import figures_of, panels_of
@@ -174,3 +175,15 @@ def test_a_long_log_with_both_positions_is_not_taken_into_memory_to_see_that(tmp
     before = in_memory()
     assert hidden_joints(robot, log) == []
     assert in_memory() - before < mapped.nbytes / 4
+
+
+def test_a_cut_off_that_leaves_no_sample_away_from_reversals_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So low, the filter reaches from every sample to a reversal: the fit of a log full of motion ended in an error."""
+    robot = read_robot("planar2")
+    log = read_recording([str(Path(__file__).parents[3] / "sample_logs" / "planar2.csv")], robot)
+    signals = prepare(log, robot)
+    usual = identify(robot, signals)
+    monkeypatch.setattr(module, "below_resonance", lambda used, _: replace(used.refiltered(0.1), cutoff_free=False))
+    found = identify(robot, signals)
+    assert found.settings["cutoff"] == usual.settings["cutoff"]
+    np.testing.assert_array_equal(found.standard, usual.standard)
