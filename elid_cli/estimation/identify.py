@@ -10,25 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError, UsageError
+from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_scatter, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.known_load import with_load
-from elid_cli.estimation.motor_side.door import (
-    asked_motor_side,
-    asks,
-    below_resonance,
-    starved,
-    straightened,
-    with_motor_side,
-)
+from elid_cli.estimation.motor_side.door import asked_motor_side, asks, fitted_below, with_motor_side
 from elid_cli.estimation.reading import read_signals
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
@@ -44,9 +37,6 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
-
-if TYPE_CHECKING:
-    from elid_cli.estimation.motor_side.result import MotorSide
 
 __all__ = [
     "DefaultFit",
@@ -133,27 +123,10 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     side = asked_motor_side(robot, signals, options)
     if side is not None and options.fit == "auto":
         options = replace(options, fit="torque")
-    below = below_resonance(signals, side)
-    low, corrected = _below(robot, below, side, options)
-    if low is None or (below is not signals and starved(low)):
-        # so low, the filter reaches from every sample to a reversal
-        found, corrected = _identified(robot, signals, options), False
-    else:
-        found = low
+    found, corrected = fitted_below(signals, side, options, lambda used, how: _identified(robot, used, how))
     if signals.recording is not None and options.guards:
         found = with_load(found, signals.recording.commanded & ~signals.still)
     return with_motor_side(found, side, corrected=corrected)
-
-
-def _below(
-    robot: Robot, signals: Signals, side: MotorSide | None, options: EstimateOptions
-) -> tuple[Identification | None, bool]:
-    """Return what signals below a resonance say, None where nothing, and whether the links' motion was corrected."""
-    try:
-        straight = straightened(signals, side, options, lambda used, how: _identified(robot, used, how))
-        return straight or _identified(robot, signals, options), straight is not None
-    except DataError:
-        return None, False
 
 
 def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from elid_cli.errors import DataError
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.robot.parameter import StandardParameter
@@ -23,6 +24,8 @@ LOWEST = 1.0
 """Hz."""
 STARVED = 0.95
 """Share of a joint's samples near reversals, from which on a lower cut-off leaves too little."""
+Fit = Callable[[Signals, EstimateOptions], Identification]
+"""Identifies rigid joints from signals."""
 
 
 def asked_motor_side(robot: Robot, signals: Signals, options: EstimateOptions) -> MotorSide | None:
@@ -46,6 +49,26 @@ def asks(options: EstimateOptions) -> bool:
     return options.guards and not options.hold
 
 
+def fitted_below(
+    signals: Signals, side: MotorSide | None, options: EstimateOptions, identified: Fit
+) -> tuple[Identification, bool]:
+    """Return what signals say below what the motor side found, and whether the links' motion was corrected.
+
+    Where that leaves hardly a sample of a joint, they are not filtered so low.
+    """
+    below = below_resonance(signals, side)
+    try:
+        straight = straightened(below, side, options, identified)
+        found = straight or identified(below, options)
+    except DataError:
+        if below is signals:
+            raise
+        return identified(signals, options), False
+    if below is not signals and starved(found):
+        return identified(signals, options), False
+    return found, straight is not None
+
+
 def below_resonance(signals: Signals, side: MotorSide | None) -> Signals:
     """Return the signals filtered at where rigid joints stop describing what was found, unless the user chose.
 
@@ -60,7 +83,7 @@ def below_resonance(signals: Signals, side: MotorSide | None) -> Signals:
 
 
 def starved(found: Identification) -> bool:
-    """Whether a fit had hardly a sample of a joint: all others are near a reversal."""
+    """Whether a fit had hardly a sample of a joint: low filters reach from all others to a reversal."""
     masked = found.settings.get("masked")
     return isinstance(masked, list) and any(share > STARVED for share in masked)
 
@@ -69,10 +92,6 @@ def rigid_limit(side: MotorSide | None) -> float | None:
     """Return the frequency up to which rigid joints describe all that was found, Hz; None where nothing was."""
     found = [joint.rigid_to for joint in side.joints if joint.verdict != "refused"] if side else []
     return max(min(found), LOWEST) if found else None
-
-
-Fit = Callable[[Signals, EstimateOptions], Identification]
-"""Identifies rigid joints from signals."""
 
 
 def straightened(

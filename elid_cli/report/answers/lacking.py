@@ -113,7 +113,7 @@ def _elastic_words(found: Identification) -> str:
         f"The elasticity of {listed(names)}, whose stiffness was found: the fit takes "
         f"{'this joint' if len(names) == 1 else 'these joints'} as rigid, which may bias inertias, masses and first "
         "moments. elid identify of one log alone, not a long one, without --accurate and --fit, takes it "
-        f"out.{besides}"
+        f"out, where the motion reverses seldom enough.{besides}"
     )
 
 

@@ -13,7 +13,7 @@ import pytest
 from elid_cli import EstimateOptions, Identification, SignalOptions, identify, prepare
 from elid_cli.cli import main
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, FoundEffect, diagnose
-from elid_cli.estimation import identify as module
+from elid_cli.estimation.motor_side import door
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import read_recording, write_recording
@@ -183,7 +183,7 @@ def test_a_cut_off_that_leaves_no_sample_away_from_reversals_is_not_used(monkeyp
     log = read_recording([str(Path(__file__).parents[3] / "sample_logs" / "planar2.csv")], robot)
     signals = prepare(log, robot)
     usual = identify(robot, signals)
-    monkeypatch.setattr(module, "below_resonance", lambda used, _: replace(used.refiltered(0.1), cutoff_free=False))
+    monkeypatch.setattr(door, "below_resonance", lambda used, _: replace(used.refiltered(0.1), cutoff_free=False))
     found = identify(robot, signals)
     assert found.settings["cutoff"] == usual.settings["cutoff"]
     np.testing.assert_array_equal(found.standard, usual.standard)
