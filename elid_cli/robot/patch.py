@@ -31,6 +31,7 @@ from elid_cli.robot.urdf.write import in_joint_frames, unreal_bodies
 from elid_cli.robot.urdf.xml import Element
 from elid_cli.robot.xml_edit import XmlEdit
 from elid_cli.robot.xml_text import xml_attributes, xml_number, xml_numbers
+from elid_cli.robot.zeros import zero_between
 
 SAME = 1e-12
 """Relative change below which a number is left as the file has it."""
@@ -67,7 +68,9 @@ def patched(robot: Robot, remarks: Sequence[str] = (), further: Mapping[str, Map
     for name in robot.joint_names:
         joint, was = new.joint(name), old.joint(name)
         said = _said(joint) if _said(joint) != _said(was) else {}
-        changes[name] = _Change(joint, _change(was, joint), said, _lower_limit(was, joint))
+        place = robot.joint_names.index(name)
+        zero = zero_between(old, new, place) if joint.rpy != was.rpy or joint.xyz != was.xyz else 0.0
+        changes[name] = _Change(joint, _change(was, joint), said, _lower_limit(was, joint), zero)
     if edit.root.tag == "mujoco":
         _patch_mjcf(edit, text, robot, changes, further or {})
     else:
@@ -96,6 +99,8 @@ class _Change(NamedTuple):
     """What of its motor only elid's own element can say."""
     limit: float | None
     """A torque limit below the file's, N·m (N)."""
+    zero: float
+    """By how much its positions are read larger than by the file, rad (m)."""
 
 
 _Changes = dict[str, _Change]
@@ -121,7 +126,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
         name = element.attributes.get("name", "")
         if name not in changes:
             continue
-        joint, change, said, limit = changes[name]
+        joint, change, said, limit, zero = changes[name]
         child = element.one("child")
         if change is not None and child is not None:
             link = links[child.attributes["link"]]
@@ -133,6 +138,8 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
         _set(edit, element, "dynamics", _named(joint, (("damping", "fv"), ("friction", "fs"))))
         if limit is not None:
             _set(edit, element, "limit", {"effort": xml_number(limit)})
+        if abs(zero) > SAME:
+            _set(edit, element, "origin", {"xyz": xml_numbers(joint.xyz), "rpy": xml_numbers(joint.rpy)})
         if said:
             said = {"joint": name, "transmission": joint.transmission, **said}
             if name in own:
@@ -233,7 +240,7 @@ def _patch_mjcf(
     for number, item in enumerate(tree.moving):
         if item.name not in changes:
             continue
-        joint, change, _, limit = changes[item.name]
+        joint, change, _, limit, zero = changes[item.name]
         if item.element.file != robot.source:
             raise RobotError(
                 f"{item.name} is described in {item.element.file}", hint="give that file, or write a .yaml"
@@ -241,6 +248,10 @@ def _patch_mjcf(
         values = _dynamics(joint) | _spring(item, springs.get(item.name), tree.conventions.degrees)
         if limit is not None:  # of what all actuators of the joint deliver
             values |= {"actuatorfrclimited": "true", "actuatorfrcrange": f"{xml_number(-limit)} {xml_number(limit)}"}
+        if abs(zero) > SAME:
+            turning = tree.conventions.degrees and joint.revolute
+            more = math.degrees(zero) if turning else zero
+            values["ref"] = xml_number(item.element.number("ref", 0.0) + more)
         edit.set_attributes(
             places[item.element.tag, item.element.start],
             _other(item.element, values) | dict(further.get(item.name, {})),

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from elid_cli.cli.robot_files import Written
     from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
     from elid_cli.report.answers.diagnosis_input import DiagnosisInput
-    from elid_cli.signals.signals import Signals
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         usual = None if moving else load_signals(recording, replace(machine, effects=()), options, advance)
         found = find(machine, signals, chosen, advance, usual)
         if not isinstance(found, Diagnosis):
-            _tell_motion(found, signals, gates, files, source.robot, output)
+            _tell_motion(found, gates, files, source.robot, output)
             return
         judged = []
         for other in others:
@@ -134,12 +133,10 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
     _end(found.partial, written, _broken(told, gates))
 
 
-def _tell_motion(
-    found: MotionDiagnosis, signals: Signals, gates: Limits, files: Files, robot: str, output: Output
-) -> None:
+def _tell_motion(found: MotionDiagnosis, gates: Limits, files: Files, robot: str, output: Output) -> None:
     """Report and write what the motion simulated under a log's commands says."""
     from elid_cli.cli.gates import broken_gates
-    from elid_cli.cli.output import emit, illustrated
+    from elid_cli.cli.output import emit, illustrated, note
     from elid_cli.cli.robot_files import write_found
     from elid_cli.diagnosis.by_motion.diagnose import least_squares
     from elid_cli.estimation.refined_robot import remarks
@@ -149,8 +146,14 @@ def _tell_motion(
     written = write_found(
         Files() if found.partial else files, found.refined, remarks(found.after) if files.write_robot else (),
         found.after, found.after.error,
-        lambda other: by_trajectory(least_squares(other, signals), signals, delays=False), output,
+        lambda other: by_trajectory(
+            least_squares(other, found.delivered), found.delivered, delays=False, start=found.fit_after.values
+        ),
+        output,
     )  # fmt: skip
+    if written.files and found.free_bodies is not None:
+        others = "elid identify --fit torque --write-robot writes the bodies with which the motion comes nearer"
+        note([f"{', '.join(written.files)}: has the bodies of the file; {others}"], output, "warning")
     report = motion_diagnosis_report(found, robot, written.own)
     report = illustrated(report, output, lambda build: build.motion_figures(found))
     emit(report, output)

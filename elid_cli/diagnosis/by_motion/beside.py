@@ -12,7 +12,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
 from elid_cli.estimation.trajectory.block_sums import BLOCKS, DAMPING, SHORT
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.loss import bent, weighed
+from elid_cli.estimation.trajectory.loss import Weighed, bent, weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
@@ -39,6 +39,8 @@ class Beside:
     """Standard errors, by short parts of the log that are left out, (L,)."""
     added: Array
     """What their errors add to the covariance of the others, (U, U)."""
+    left: Array
+    """Part of every joint's squared error that the step leaves, by first order, (n,)."""
 
     @classmethod
     def of(cls, fit: TrajectoryFit, moved: Sequence[Array]) -> Beside:
@@ -80,7 +82,19 @@ class Beside:
         step = near if (np.abs(near[first:]) <= FAR * deviations).all() else far
         along = np.zeros(own.count)
         along[shown] = step[:first]
-        return cls(step[first:], along, deviations, added)
+        return cls(step[first:], along, deviations, added, _left(seen, columns, moved, along, step[first:]))
+
+
+def _left(
+    seen: Sequence[Weighed], columns: Sequence[Array], moved: Sequence[Array], along: Array, steps: Array
+) -> Array:
+    """Return the part of every joint's squared error that a step of all unknowns leaves, (n,)."""
+    before, after = [], []
+    for part, of_own, of_further in zip(seen, columns, moved, strict=True):
+        before.append(np.sum((part.error * part.light) ** 2, axis=0))
+        after.append(np.sum(((part.error + of_own @ along + of_further @ steps) * part.light) ** 2, axis=0))
+    found: Array = np.sum(after, axis=0) / np.maximum(np.sum(before, axis=0), 1e-300)
+    return found
 
 
 def moved_by_runs(fit: TrajectoryFit, changed: Sequence[Callable[[Run], Run]]) -> list[Array]:

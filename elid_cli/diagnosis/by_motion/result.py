@@ -14,6 +14,7 @@ from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals
 from elid_cli.tables import Shown
 
 
@@ -45,6 +46,8 @@ class MotionDiagnosis(Shown):
     refined: Robot
     """The robot with what was found; where a joint changed between recordings, as it was in the last ones."""
     tried: int
+    delivered: Signals
+    """The log with the torque that the drives delivered: within limits and of the size that were found."""
     partial: bool = False
     waiting: tuple[tuple[str, str], ...] = ()
     """Effects and joints that were chosen but not judged yet when the search was stopped."""
@@ -52,6 +55,8 @@ class MotionDiagnosis(Shown):
     """Effects that the robot may have, but that no simulated motion is searched for."""
     other_bodies: Mapping[str, float] = field(default_factory=dict)
     """Part of its squared error, not fitted to, that other bodies than the file's take off a joint's motion."""
+    free_bodies: TrajectoryFit | None = None
+    """The fit with the bodies of least squares, where it comes clearly nearer than with all effects."""
 
     @property
     def nearer(self) -> tuple[Rival, ...]:

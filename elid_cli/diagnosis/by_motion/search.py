@@ -45,6 +45,8 @@ FURTHER = 0.3
 """The same of a further effect at a joint: what is left of the first, in a shape that is not quite its own, is none."""
 HOPEFUL = 0.4
 """The same of one that is tried at all: screening knows nothing of a joint that sticks."""
+SURE = 2.0
+"""Standard errors by which an effect's amplitude must be clear of 0."""
 ALIKE = 0.9
 """Part of the best effect's gain from which another one does as well."""
 SHARES = (0.15, 0.25)
@@ -271,8 +273,19 @@ def _possible(fit: TrajectoryFit, place: int) -> bool:
     return type(effect).plausible(scene, effect.joint, values)
 
 
+def _clear_of_nothing(fit: TrajectoryFit, place: int) -> bool:
+    """Whether an amplitude that the motion shows is clear of 0 by its errors: what may be nothing is not named.
+
+    Of several recordings it is enough in one: the effect may have come or gone between them.
+    """
+    own, recordings = fit.unknowns.amplitudes_of(place), len(fit.alone)
+    shown = np.diag(fit.equations.matrix.sum(axis=0))[own] > 0
+    error = fit.deviation if recordings == 1 else fit.within * np.sqrt(recordings / len(fit.spans))
+    return bool((np.abs(fit.alone) > SURE * error)[:, own][:, shown].any())
+
+
 def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:
-    if not _possible(fit, place):
+    if not _possible(fit, place) or not _clear_of_nothing(fit, place):
         return False
     return item.gain >= max(LEAST, item.effect.least_gain) and item.helped >= HELPED
 

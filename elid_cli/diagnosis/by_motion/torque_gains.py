@@ -19,8 +19,8 @@ from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.errors import DataError
-from elid_cli.estimation.known_load import LoadScale
-from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
+from elid_cli.estimation.known_load import OFF, LoadScale
+from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
@@ -30,6 +30,12 @@ from elid_cli.signals.signals import Signals
 
 SHARPENED = 4
 """Fits by which a gain is sharpened."""
+SURE = 5.0
+"""Standard errors by which the motion must ask for torques of another size."""
+MOST = 0.5
+"""Part of the joint's squared error that the first step to them may leave."""
+LARGEST = 0.5
+"""Part of itself by which a ratio is taken to be off at first."""
 CHECK = "a known payload, held still in several poses, with kp and kd as the drive has them"
 """What separates a torque gain from what imitates it."""
 
@@ -89,6 +95,20 @@ class Gains:
         beside, (deviation, steps) = Beside.of(trial, moved_by_gains(trial, joints)), np.zeros((2, len(ratio)))
         deviation[joints], steps[joints] = ratio[joints] * beside.deviations, beside.steps
         return cls(ratio, deviation, steps, trial)
+
+
+def asked_by_motion(fit: TrajectoryFit, signals: Signals, scales: Sequence[LoadScale]) -> list[LoadScale]:
+    """Return scales, and those of further joints that the motion which a fit leaves asks for."""
+    known = {scale.joint for scale in scales}
+    joints = [k for k in np.flatnonzero(fit.above_noise(signals) >= ABOVE).tolist() if k not in known]
+    if not joints:
+        return list(scales)
+    beside = Beside.of(fit, moved_by_gains(fit, joints))
+    return [*scales, *(
+        LoadScale(joint, 1.0 + float(np.clip(step, -LARGEST, LARGEST)), deviation, 0.0)
+        for joint, step, deviation in zip(joints, beside.steps.tolist(), beside.deviations.tolist(), strict=True)
+        if abs(step) > max(OFF, SURE * deviation) and beside.left[joint] < MOST
+    )]  # fmt: skip
 
 
 def gain_rivals(

@@ -1,4 +1,4 @@
-"""The search by motion, and again where the drives' gains or a tilted base explain more than what it found.
+"""The search by motion, and again where the drives' gains, a tilted base or encoders' zeros explain more than it found.
 
 Springs and other effects of single joints imitate both. A search that knows them finds what else is missing.
 """
@@ -13,9 +13,15 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.beside import Beside
+from elid_cli.diagnosis.by_motion.poses import Turned, moved_by, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
-from elid_cli.diagnosis.by_motion.tilt import Tilt, moved_by_tilt, tilt_of
-from elid_cli.diagnosis.by_motion.torque_gains import Gains, gain_name, given_up, moved_by_gains, nearer
+from elid_cli.diagnosis.by_motion.torque_gains import (
+    Gains,
+    asked_by_motion,
+    given_up,
+    moved_by_gains,
+    nearer,
+)
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
@@ -29,7 +35,7 @@ from elid_cli.signals.signals import Signals
 CLEARLY = 0.2
 """Sum over the joints of the logarithm of the error's size by which a fit is clearly nearer."""
 PER_JOINT = 0.04
-"""The same per joint that a tilt alone must reach before a search is made with it. Measured: a quadruped of twelve
+"""The same per joint that angles alone must reach before a search is made with them. Measured: a quadruped of twelve
 joints on level ground 0.028, whose search takes minutes."""
 
 
@@ -42,12 +48,12 @@ class Found:
     plain: TrajectoryFit
     """The fit without effects beside what acts on the whole."""
     robot: Robot
-    """The robot in the gravity that was found."""
+    """The robot as it is turned."""
     ratio: Array
     """What the computed torque of every joint is over the one that acts, (n,)."""
     scaled: NDArray[np.bool_]
     """Joints where that is named, (n,)."""
-    tilt: Tilt | None
+    turned: Turned | None
     gains: Gains | None
     """The fit by drives of another torque at the other joints that are doubted."""
     taken: Gains | None
@@ -60,7 +66,7 @@ def searched(
     robot: Robot, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]],
     off: Sequence[LoadScale], only: Sequence[str] = (), progress: Progress | None = None,
 ) -> Found:  # fmt: skip
-    """Search for effects, for gains of the drives in their place, for a base that is not level.
+    """Search for effects, for gains of the drives in their place, for a robot that stands otherwise than described.
 
     Parameters
     ----------
@@ -80,54 +86,118 @@ def searched(
         return plain
     found = plain
     try:
-        found, right, runs = _by_gains(plain, signals, runs, declared, off, only, progress)
-        if not found.done.partial:
-            found = _by_tilt(found, right, runs, declared, only, progress)
+        found = _by_both(plain, _Log(signals, runs, declared, only, progress), off)
         return replace(found, done=replace(found.done, before=first, after=_aware(found)))
     except KeyboardInterrupt:
         return replace(found, done=replace(found.done, before=first, partial=True))
 
 
-def _by_gains(
-    plain: Found, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]],
-    off: Sequence[LoadScale], only: Sequence[str], progress: Progress | None,
-) -> tuple[Found, Signals, Sequence[Run]]:  # fmt: skip
-    """Return what a search finds by drives of another torque, where these come clearly nearer; log and runs then."""
-    done, robot = plain.done, plain.robot
-    gains = Gains.of(plain.plain, done.after, off, signals)
-    may = not only or gain_name() in only
-    scaled = nearer(done.after, gains, done.named) & may
-    plain = replace(plain, done=replace(done, tried=done.tried + (len(off) if may else 0)))
+@dataclass(frozen=True)
+class _Log:
+    """What is searched."""
+
+    signals: Signals
+    runs: Sequence[Run]
+    declared: tuple[Sequence[Effect], Sequence[float]]
+    only: Sequence[str]
+    progress: Progress | None
+
+    def searched(self, robot: Robot, start: Array) -> Searched:
+        """Return what a search finds; one that Ctrl-C ends was not compared, and what was found before stands."""
+        done = search(robot, self.runs, start, *self.declared, self.only, self.progress)
+        if done.partial:
+            raise KeyboardInterrupt
+        return done
+
+    def delivering(self, ratio: Array) -> _Log:
+        """Return the log of drives that deliver the computed torque over a ratio, (n,)."""
+        right = replace(self.signals, tau=self.signals.tau / ratio)
+        return replace(self, signals=right, runs=[run.delivering(ratio) for run in self.runs])
+
+    def may(self, kind: type[Effect]) -> bool:
+        """Whether an effect may be tried."""
+        return not self.only or kind.name in self.only
+
+
+def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
+    """Return what a search finds by gains of the drives and by angles, what comes nearer first."""
+    found, gains, scales = _asked_gains(plain, log, off)
+    found, angles, rivals = _asked_angles(found, log)
+    if angles is None or (gains is not None and not _nearer(angles.fit, gains.fit)):
+        found, log = _by_gains(found, log, gains, scales)
+        found, angles, rivals = _asked_angles(found, log) if found.scaled.any() else (found, angles, rivals)
+        return _by_angles(found, log, angles, rivals)
+    turned = _by_angles(found, log, angles, rivals)
+    if turned.turned is None:
+        return _by_gains(turned, log, gains, scales)[0]
+    found, gains, scales = _asked_gains(turned, log, ())
+    return _by_gains(found, log, gains, scales)[0]
+
+
+def _asked_gains(found: Found, log: _Log, off: Sequence[LoadScale]) -> tuple[Found, Gains | None, list[LoadScale]]:
+    """Return the fit by drives of another torque at the joints that are doubted, and these."""
+    may = log.may(effect_that(of_drive="gain"))
+    scales = asked_by_motion(found.plain, log.signals, off) if may else list(off)
+    found = replace(found, done=replace(found.done, tried=found.done.tried + (len(scales) if may else 0)))
+    return found, Gains.of(found.plain, found.done.after, scales, log.signals), scales
+
+
+def _by_gains(found: Found, log: _Log, gains: Gains | None, scales: Sequence[LoadScale]) -> tuple[Found, _Log]:
+    """Return what a search finds by drives of another torque, where these come clearly nearer; the log then."""
+    before = found.done
+    scaled = nearer(before.after, gains, before.named) & log.may(effect_that(of_drive="gain"))
     if gains is None or not scaled.any():
-        return replace(plain, gains=gains), signals, runs
+        return replace(found, gains=gains), log
     ratio = np.where(scaled, gains.ratio, 1.0)
-    right, runs = replace(signals, tau=signals.tau / ratio), [run.delivering(ratio) for run in runs]
-    rivals = given_up(done.after, gains, done.named, scaled)
-    done = search(robot, runs, started_from(robot, right), *declared, only, progress)
-    done = replace(done, tried=done.tried + plain.done.tried)
-    others = Gains.of(done.before, done.after, [scale for scale in off if not scaled[scale.joint]], right)
-    return Found(done, done.before, robot, ratio, scaled, None, others, gains, rivals), right, runs
+    log, robot = log.delivering(ratio), found.robot
+    done = log.searched(robot, started_from(robot, log.signals))
+    done = replace(done, tried=done.tried + before.tried)
+    others = Gains.of(done.before, done.after, [s for s in scales if not scaled[s.joint]], log.signals)
+    rivals = (*found.rivals, *given_up(before.after, gains, before.named, scaled))
+    return replace(found, done=done, plain=done.before, ratio=ratio, scaled=scaled, gains=others, taken=gains,
+                   rivals=rivals), log  # fmt: skip
 
 
-def _by_tilt(
-    found: Found, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]],
-    only: Sequence[str], progress: Progress | None,
-) -> Found:  # fmt: skip
-    """Return what a search finds with gravity turned as the motion asks, where that comes clearly nearer."""
-    kind, done = effect_that(turns_gravity=True), found.done
-    if (only and kind.name not in only) or (found.plain.above_noise(signals) < ABOVE).all():
+def _asked_angles(found: Found, log: _Log) -> tuple[Found, Turned | None, tuple[Rival, ...]]:
+    """Return the angles that bring the robot clearly nearer, with what does as well; None where none do."""
+    if (found.plain.above_noise(log.signals) < ABOVE).all():
+        return found, None, ()
+    asked = ((effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of))
+    tried = [angles_of(found.plain) for kind, angles_of in asked if log.may(kind)]
+    found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
+    return (found, *_simplest([turned for turned in tried if turned is not None], found.plain))
+
+
+def _by_angles(found: Found, log: _Log, angles: Turned | None, rivals: Sequence[Rival]) -> Found:
+    """Return what a search finds with the robot turned, where that comes clearly nearer."""
+    if angles is None:
         return found
-    tilt = tilt_of(found.plain)
-    found = replace(found, done=replace(done, tried=done.tried + 1))
-    if tilt is None or not _gain(tilt.fit, found.plain) > max(CLEARLY, PER_JOINT * tilt.level.n):
+    done = log.searched(angles.robot, angles.fit.values)
+    if not _nearer(done.after, found.done.after):
         return found
-    turned = search(tilt.robot, runs, tilt.fit.values, *declared, only, progress)
-    if turned.partial:  # what was found before stands, and was not compared
-        raise KeyboardInterrupt
-    if not _nearer(turned.after, done.after):
-        return found
-    turned = replace(turned, tried=turned.tried + found.done.tried)
-    return replace(found, done=turned, plain=turned.before, robot=tilt.robot, tilt=tilt, gains=None)
+    done = replace(done, tried=done.tried + found.done.tried)
+    return replace(found, done=done, plain=done.before, robot=angles.robot, turned=angles, gains=None,
+                   rivals=(*found.rivals, *rivals))  # fmt: skip
+
+
+def _simplest(turned: Sequence[Turned], plain: TrajectoryFit) -> tuple[Turned | None, tuple[Rival, ...]]:
+    """Return the angles that come clearly nearer than a fit without, the fewest of those that do as well, and others.
+
+    None where none come clearly nearer.
+    """
+    near = [
+        one for one in turned
+        if _gain(one.fit, plain) > max(CLEARLY, PER_JOINT * one.level.n) and one.gain(plain) > 0
+    ]  # fmt: skip
+    if not near:
+        return None, ()
+    most = max(_gain(one.fit, plain) for one in near)
+    alike = [one for one in near if _gain(one.fit, plain) >= most - CLEARLY]
+    best = min(alike, key=lambda one: (int(one.sure.sum()), -_gain(one.fit, plain)))
+    return best, tuple(
+        Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record)
+        for one in alike if one is not best and one.sure.sum() == best.sure.sum() for e in one.effects(plain)
+    )  # fmt: skip
 
 
 def _nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
@@ -141,10 +211,10 @@ def _gain(one: TrajectoryFit, other: TrajectoryFit) -> float:
 
 
 def _aware(found: Found) -> TrajectoryFit:
-    """Return the fit with errors that know those of gains and tilt."""
-    fit, tilt, moved = found.done.after, found.tilt, []
-    if tilt is not None:
-        moved.append(moved_by_tilt(fit, tilt.level, tilt.angles))
+    """Return the fit with errors that know those of gains and angles."""
+    fit, turned, moved = found.done.after, found.turned, []
+    if turned is not None:
+        moved.append(moved_by(fit, turned.level, turned.by, turned.angles))
     if found.scaled.any():
         moved.append(moved_by_gains(fit, np.flatnonzero(found.scaled).tolist()))
     if not moved:

@@ -45,7 +45,9 @@ SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
 
-def by_trajectory(found: Identification, signals: Signals, *, delays: bool = True) -> Identification:
+def by_trajectory(
+    found: Identification, signals: Signals, *, delays: bool = True, start: Array | None = None
+) -> Identification:
     """Return the identification by the simulated motion, started from the log's torques.
 
     Parameters
@@ -57,6 +59,8 @@ def by_trajectory(found: Identification, signals: Signals, *, delays: bool = Tru
     delays
         Whether a delay between commands and motion is an unknown, and friction may be found to fade in over a speed;
         False: the fit is for a format that holds neither.
+    start
+        Drive parameters to start from, (n, 4); None: those of the log's torques.
 
     Raises
     ------
@@ -80,12 +84,12 @@ def by_trajectory(found: Identification, signals: Signals, *, delays: bool = Tru
         return by_output_error(found, signals)
     if why:
         raise UsageError(f"--fit trajectory: {why}", hint="leave --fit out: the torque is fitted")
-    fit, bodies = fit_of(robot, signals, recording, delays=delays)
+    fit, bodies = fit_of(robot, signals, recording, delays=delays, start=start)
     return identification_of(found, fit, signals, bodies)
 
 
 def fit_of(
-    robot: Robot, signals: Signals, recording: Recording, *, delays: bool = True
+    robot: Robot, signals: Signals, recording: Recording, *, delays: bool = True, start: Array | None = None
 ) -> tuple[TrajectoryFit, dict[str, float]]:
     """Return the fit to a log with commands, of a robot that it knows, and what other bodies would take off it.
 
@@ -93,9 +97,8 @@ def fit_of(
     """
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
-    fit, columns = fit_with_columns(
-        robot, runs, started_from(robot, signals), effects, amplitudes, late=delays, soft=delays
-    )
+    start = started_from(robot, signals) if start is None else start
+    fit, columns = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=delays)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 

@@ -153,6 +153,8 @@ class Effect(ABC):
     """The channel that is late by the first parameter, s: once known it is moved in time. One effect per channel."""
     turns_gravity: ClassVar[bool] = False
     """Whether the amplitudes are angles by which gravity is turned in the model itself, once known. One effect."""
+    moves_zero: ClassVar[bool] = False
+    """Whether the amplitude is what a joint's positions are read too large by, in commands as well. One effect."""
     nuisance: ClassVar[Nuisance | None] = None
     """The nuisance that the effect is where every fit estimates it along. One effect per nuisance."""
     in_deflection: ClassVar[Literal["velocity", "constant", ""]] = ""

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
+import numpy as np
+
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.by_motion.torque_gains import gain_name
 from elid_cli.estimation.trajectory.differing import Differing
@@ -103,10 +105,11 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         ],
         **{key: [] for key in ("refuted", "triage", "organised", "held_out", "moved", "checks")},
         **({"partial": True} if found.partial else {}),
-        "sufficient": not found.effects and not found.unexplained,
+        "sufficient": not found.effects and not found.unexplained and found.free_bodies is None,
         "tried": found.tried,
         "untried": list(found.untried),
         "other_bodies": dict(found.other_bodies),
+        "free_bodies": None if found.free_bodies is None else {"mean_abs": float(np.mean(found.free_bodies.mean_abs))},
     }  # fmt: skip
 
 
@@ -127,12 +130,14 @@ def _trust(found: MotionDiagnosis) -> str:
 
 def _missing(found: MotionDiagnosis) -> str:
     left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
+    first = _free_bodies_words(found)
     if found.partial and not found.effects:
         return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
         what = "that was tried by motion" if found.untried else "that elid knows"
         others = f" Not tried by motion: {_untried_words(found)}." if found.untried else ""
-        return f"No effect {what} brings the motion nearer.{_bodies_words(found)}{left}{others}"
+        none = f"No effect {what} brings the motion nearer.{_bodies_words(found)}{left}{others}"
+        return f"{first}{'' if first else none}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
         joint = effect.joint or found.robot.name
@@ -142,18 +147,34 @@ def _missing(found: MotionDiagnosis) -> str:
     moved = "".join(
         f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
     )
-    return f"{named_words(places, found.also_possible)}{moved}{_gains_words(found)}{_bodies_words(found)}"
+    named = named_words(places, found.also_possible)
+    if first:
+        first, named = f"{first} With the bodies of the file: ", named.replace("One of", "one of", 1)
+    return f"{first}{named}{moved}{_gains_words(found)}{_bodies_words(found)}"
 
 
 def _bodies_words(found: MotionDiagnosis) -> str:
     """Return that other bodies than the file's would bring the motion nearer, where they would."""
-    if not found.other_bodies:
+    if not found.other_bodies or found.free_bodies is not None:
         return ""
     most = share_text(max(found.other_bodies.values()))
     return (
         f" Other bodies than {found.robot.name} describes would bring the motion of {listed(list(found.other_bodies))} "
         f"nearer as well, by up to {most} of the squared error: check masses and payload (elid identify --fit torque "
         "estimates them)."
+    )
+
+
+def _free_bodies_words(found: MotionDiagnosis) -> str:
+    """Return that the bodies of least squares come clearly nearer than all effects, where they do."""
+    if found.free_bodies is None:
+        return ""
+    unit = "mrad" if all(joint.revolute for joint in found.robot.joints) else "mm"
+    mine, its = (number_text(1e3 * float(np.mean(fit.mean_abs)), 2) for fit in (found.fit_after, found.free_bodies))
+    beside = "all that is named here" if found.effects else "the bodies of the file"
+    return (
+        f"Bodies other than {found.robot.name} describes: with those that least squares find, the motion is off by "
+        f"{its} {unit} on average, with {beside} by {mine}. Check masses, centres of mass and payload."
     )
 
 
@@ -263,6 +284,9 @@ def _unexplained_section(found: MotionDiagnosis) -> list[Section]:
 def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> str:
     if found.partial:
         return inputs.command("diagnose", found.recording, robot_argument)
+    if found.free_bodies is not None:
+        bodies = f"{found.robot.name}-identified.yaml"
+        return inputs.command("identify", found.recording, robot_argument, "--fit", "torque", "--write-robot", bodies)
     if written is not None:
         return inputs.command("replay", found.recording, written)
     if found.effects:
@@ -275,4 +299,5 @@ def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> s
 def named_effects(found: MotionDiagnosis) -> Sequence[str]:
     """Return what `--fail-on-effect` says is missing, one sentence each."""
     library = effect_classes()
-    return [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects if e.effect in library]
+    lacks = [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects if e.effect in library]
+    return [*lacks, *([f"{found.robot.name}: the bodies are others"] if found.free_bodies is not None else [])]

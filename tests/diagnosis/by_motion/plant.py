@@ -38,13 +38,14 @@ def robot(folder: Path) -> Robot:
 
 def moved(
     seed: int = 0, duration: float = 16.0, delay: float = 0.0, push: Extra | None = None, grip: Extra | None = None,
-    noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf, tilt: float = 0.0,
+    noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
+    tilt: float | np.ndarray = 0.0,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
     `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q, its rate, and
     what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps. Drives deliver at most
-    `limit`. Gravity is turned by `tilt`, rad, about the pendulums' axes.
+    `limit`. Gravity is turned by `tilt`, rad, about the pendulums' axes; one of each, (3,), is its encoder's zero.
     """
     rng = np.random.default_rng(seed)
     count, fine = round(duration / DT) + 1, round(DT / STEP)

@@ -24,9 +24,10 @@ CHANGES = {
     "contact": {"time": 0.5},
     "payload": {"start": 0.55},
     "gravity_direction": {"roll": 0.01, "pitch": -0.004},
+    "encoder_zero": {"offset": 0.001},
 }
-LEFT = {"hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2}
-"""Share of the effect that may remain: states between samples, the second order of a tilt of a level arm."""
+LEFT = {"hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2, "encoder_zero": 0.01}
+"""Share of the effect that may remain: states between samples, the second order of turns."""
 
 
 def values_of(name: str, robot: Robot) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""A base that is not level, told by the motion: on a plant that shares no code with elid."""
+"""A base that is not level and wrong zeros of encoders, told by the motion of a plant that shares no code with elid."""
 
 from __future__ import annotations
 
@@ -35,6 +35,37 @@ def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path) -> None:
     # the robot that is written hangs in that gravity
     assert found.refined.gravity != arm.gravity
     assert replay(found.refined, recording).mean_abs < 3e-4
+
+
+@pytest.mark.parametrize("steep", [False, True])
+def test_the_zero_of_an_encoder_is_named_in_place_of_a_spring(tmp_path: Path, steep: bool) -> None:
+    arm, zero = robot(tmp_path), 0.2 if steep else 0.05
+    recording = moved(6, 12.0, tilt=np.array([0.0, zero, 0.0]))
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "zero.h5", recording)], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("encoder_zero", "two")]
+    (effect,) = found.effects
+    assert effect.parameters["offset"] == pytest.approx(zero, rel=0.02)
+    assert abs(effect.parameters["offset"] - zero) < 4 * effect.std_error["offset"]
+    assert effect.gain > 0.5
+    assert not found.unexplained
+    assert not found.other_bodies
+    truth = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)
+    assert np.abs((found.fit_after.values - truth) / error).max() < 4
+    assert replay(found.refined, recording).mean_abs < 3e-4
+
+
+def test_zeros_of_two_encoders_are_found_beside_a_friction(tmp_path: Path) -> None:
+    arm, only = robot(tmp_path), np.array([0.0, 0.0, 1.0])
+    zeros = np.array([0.06, -0.04, 0.0])
+    recording = moved(5, 12.0, tilt=zeros, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
+    signals = prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm)
+    found = diagnose_motion(arm, signals, None, ("stribeck", "link_spring", "gravity_direction", "encoder_zero"))
+    named = {(e.effect, e.joint): e for e in found.effects}
+    assert named.keys() == {("encoder_zero", "one"), ("encoder_zero", "two"), ("stribeck", "three")}
+    for joint, zero in (("one", 0.06), ("two", -0.04)):
+        assert named["encoder_zero", joint].parameters["offset"] == pytest.approx(zero, rel=0.03)
+    assert not found.unexplained
 
 
 def test_a_tilted_base_is_found_beside_another_effect_and_a_steep_one_is_not_guessed(tmp_path: Path) -> None:
@@ -78,13 +109,16 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
         asks.append(1)
         return Done(plain)
 
-    turned = SimpleNamespace(fit=SimpleNamespace(values=None, **vars(leaving(*np.full(joints, error)))))
-    turned.robot, turned.level = None, SimpleNamespace(n=joints)
+    fit = SimpleNamespace(values=None, **vars(leaving(*np.full(joints, error))))
+    turned = SimpleNamespace(fit=fit, robot=None, level=SimpleNamespace(n=joints), gain=lambda _: 0.5)
+    turned.sure = np.array([True, False])
     monkeypatch.setattr(whole_robot, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
+    monkeypatch.setattr(whole_robot, "zeros_of", lambda _: None)
     none = np.zeros(joints, dtype=bool)
     found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, None, None, None)  # type: ignore[arg-type]
-    left = whole_robot._by_tilt(found, None, [], ([], []), (), None)  # type: ignore[arg-type]
+    log = whole_robot._Log(None, [], ([], []), (), None)  # type: ignore[arg-type]
+    found, angles, rivals = whole_robot._asked_angles(found, log)
+    assert whole_robot._by_angles(found, log, angles, rivals).turned is None
     assert bool(asks) == asked
-    assert left.tilt is None
-    assert left.done.tried == 1
+    assert found.done.tried == 2
