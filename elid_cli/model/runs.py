@@ -44,13 +44,19 @@ class Run:
     """What the log told the drives at every sample, N·m (N), (N, n)."""
     seen: Array | None = None
     """Measured positions of the coordinates, rad (m), (N, m); NaN where missing."""
+    extra: Array | float = 0.0
+    """How much later than the others each drive acts, s, (n,)."""
+
+    def later(self, extra: Array) -> Run:
+        """Return the run with drives that act later than the others by `extra`, s, (n,), once it is `delayed`."""
+        return replace(self, extra=extra)
 
     def delayed(self, late: Array, *, commanded: bool = True, finer: int = 1) -> Run:
         """Return the run with drives that act later than logged by `late`, s, (n,), in steps `finer` times shorter."""
         if self.told is None:
             return self
         steps = finer * len(self.drives.told) // (len(self.t) - 1)
-        acting = _held(self.told, steps, late / self.dt, commanded=commanded)
+        acting = _held(self.told, steps, (late + self.extra) / self.dt, commanded=commanded)
         return replace(self, drives=replace(self.drives, told=acting))
 
     def delivering(self, ratio: Array) -> Run:

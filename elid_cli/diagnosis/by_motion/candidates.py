@@ -91,11 +91,12 @@ def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
 def tried_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[type[Effect]]:
     """Return the effects that a search by motion tries: those that it can hold, and what acts on the whole.
 
-    That is limits and gains of the torque, the direction of gravity and the zeros of encoders.
+    That is limits and gains of the torque, the direction of gravity, zeros of encoders, and drives that are late.
     """
     whole = (
         kind for name, kind in library.items()
-        if (kind.of_drive or kind.turns_gravity or kind.moves_zero) and (name in only or not only)
+        if (kind.of_drive or kind.turns_gravity or kind.moves_zero or kind.nuisance == "delay")
+        and (name in only or not only)
     )  # fmt: skip
     return [*kinds_of(library, only), *whole]
 

@@ -11,6 +11,7 @@ import numpy as np
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
+from elid_cli.diagnosis.by_motion.poses import effects_of
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import ALIKE, Searched
 from elid_cli.diagnosis.by_motion.steps import Named
@@ -93,7 +94,7 @@ def diagnose_motion(
     effects, amplitudes = declared_along(robot, runs[0])
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
-    done, turned = whole.done, whole.turned
+    done, change = whole.done, whole.change
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
@@ -103,7 +104,7 @@ def diagnose_motion(
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
     told = replace(signals, tau=np.clip(signals.tau / whole.ratio, -bound, bound))
     refined = identification_of(replace(found, robot=with_limits(whole.robot, cut)), after, told)
-    of_angles = () if turned is None else turned.effects(done.before)
+    of_change = () if change is None else effects_of(change, done.before)
     of_gains = found_gains(robot, done.before, done.after, whole.taken, whole.scaled)
     refined = replace(refined, effects=(*refined.effects, *(
         FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_gains
@@ -111,7 +112,7 @@ def diagnose_motion(
     rivals = gain_rivals(whole.plain, done.after, whole.gains, done.named)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
     ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in rivals}
-    ruled_out |= set(robot.joint_names) if turned is not None else set()
+    ruled_out |= set(robot.joint_names) if change is not None else set()
     ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(whole.scaled).tolist())}
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
@@ -119,7 +120,7 @@ def diagnose_motion(
     return MotionDiagnosis(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        (*of_angles, *of_gains, *_effects(robot, after, done, len(effects))),
+        (*of_change, *of_gains, *_effects(robot, after, done, len(effects))),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *whole.rivals,
          *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),

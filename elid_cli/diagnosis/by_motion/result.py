@@ -67,4 +67,9 @@ class MotionDiagnosis(Shown):
     @property
     def mean_abs(self) -> tuple[float, float]:
         """Mean absolute error of the simulated positions over joints, before and after, rad (m)."""
-        return float(np.mean(self.fit_before.mean_abs)), float(np.mean(self.fit_after.mean_abs))
+        return mean_abs_of(self.fit_before), mean_abs_of(self.fit_after)
+
+
+def mean_abs_of(fit: TrajectoryFit) -> float:
+    """Return the mean absolute error of a fit's simulated positions over joints, rad (m)."""
+    return float(np.mean(fit.mean_abs))

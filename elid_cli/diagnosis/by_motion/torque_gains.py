@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.diagnosis.by_motion.refits import known_of
 from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import OFF, LoadScale
+from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.unknowns import Unknowns

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.diagnosis.by_motion.candidates import (
     STILL,
     Candidate,
@@ -30,6 +29,7 @@ from elid_cli.diagnosis.by_motion.refits import again
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.normal_equations import step_of
+from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.estimation.trajectory.block_sums import DAMPING
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.beside import Beside
-from elid_cli.diagnosis.by_motion.poses import Turned, moved_by, tilt_of, zeros_of
+from elid_cli.diagnosis.by_motion.poses import effects_of, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.torque_gains import (
     Gains,
@@ -24,19 +23,16 @@ from elid_cli.diagnosis.by_motion.torque_gains import (
 )
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
+from elid_cli.estimation.trajectory.beside import Beside
+from elid_cli.estimation.trajectory.changes import CLEARLY, Changed, nearer_by
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
+from elid_cli.estimation.trajectory.late_joints import late_joints
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
-
-CLEARLY = 0.2
-"""Sum over the joints of the logarithm of the error's size by which a fit is clearly nearer."""
-PER_JOINT = 0.04
-"""The same per joint that angles alone must reach before a search is made with them. Measured: a quadruped of twelve
-joints on level ground 0.028, whose search takes minutes."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +44,13 @@ class Found:
     plain: TrajectoryFit
     """The fit without effects beside what acts on the whole."""
     robot: Robot
-    """The robot as it is turned."""
+    """The robot as it is changed."""
     ratio: Array
     """What the computed torque of every joint is over the one that acts, (n,)."""
     scaled: NDArray[np.bool_]
     """Joints where that is named, (n,)."""
-    turned: Turned | None
+    change: Changed | None
+    """Angles of the base, zeros of encoders, or delays of some drives."""
     gains: Gains | None
     """The fit by drives of another torque at the other joints that are doubted."""
     taken: Gains | None
@@ -120,17 +117,17 @@ class _Log:
 
 
 def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
-    """Return what a search finds by gains of the drives and by angles, what comes nearer first."""
+    """Return what a search finds by gains of the drives and by a change, what comes nearer first."""
     found, gains, scales = _asked_gains(plain, log, off)
-    found, angles, rivals = _asked_angles(found, log)
-    if angles is None or (gains is not None and not _nearer(angles.fit, gains.fit)):
+    found, change, rivals = _asked_change(found, log)
+    if change is None or (gains is not None and not _nearer(change.fit, gains.fit)):
         found, log = _by_gains(found, log, gains, scales)
-        found, angles, rivals = _asked_angles(found, log) if found.scaled.any() else (found, angles, rivals)
-        return _by_angles(found, log, angles, rivals)
-    turned = _by_angles(found, log, angles, rivals)
-    if turned.turned is None:
-        return _by_gains(turned, log, gains, scales)[0]
-    found, gains, scales = _asked_gains(turned, log, ())
+        found, change, rivals = _asked_change(found, log) if found.scaled.any() else (found, change, rivals)
+        return _by_change(found, log, change, rivals)[0]
+    other, log = _by_change(found, log, change, rivals)
+    if other.change is None:
+        return _by_gains(other, log, gains, scales)[0]
+    found, gains, scales = _asked_gains(other, log, ())
     return _by_gains(found, log, gains, scales)[0]
 
 
@@ -158,63 +155,56 @@ def _by_gains(found: Found, log: _Log, gains: Gains | None, scales: Sequence[Loa
                    rivals=rivals), log  # fmt: skip
 
 
-def _asked_angles(found: Found, log: _Log) -> tuple[Found, Turned | None, tuple[Rival, ...]]:
-    """Return the angles that bring the robot clearly nearer, with what does as well; None where none do."""
+def _asked_change(found: Found, log: _Log) -> tuple[Found, Changed | None, tuple[Rival, ...]]:
+    """Return the change that brings the motion clearly nearer, with what does as well; None where none does."""
     if (found.plain.above_noise(log.signals) < ABOVE).all():
         return found, None, ()
-    asked = ((effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of))
-    tried = [angles_of(found.plain) for kind, angles_of in asked if log.may(kind)]
+    asked = (
+        (effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of),
+        (effect_that(nuisance="delay"), late_joints),
+    )  # fmt: skip
+    tried = [change_of(found.plain) for kind, change_of in asked if log.may(kind)]
     found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
-    return (found, *_simplest([turned for turned in tried if turned is not None], found.plain))
+    return (found, *_simplest([one for one in tried if one is not None], found.plain))
 
 
-def _by_angles(found: Found, log: _Log, angles: Turned | None, rivals: Sequence[Rival]) -> Found:
-    """Return what a search finds with the robot turned, where that comes clearly nearer."""
-    if angles is None:
-        return found
-    done = log.searched(angles.robot, angles.fit.values)
+def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
+    """Return what a search finds with the change, where that comes clearly nearer; the log then."""
+    if change is None:
+        return found, log
+    other = replace(log, runs=change.runs(log.runs))
+    done = other.searched(change.robot, change.fit.values)
     if not _nearer(done.after, found.done.after):
-        return found
+        return found, log
     done = replace(done, tried=done.tried + found.done.tried)
-    return replace(found, done=done, plain=done.before, robot=angles.robot, turned=angles, gains=None,
-                   rivals=(*found.rivals, *rivals))  # fmt: skip
+    return replace(found, done=done, plain=done.before, robot=change.robot, change=change, gains=None,
+                   rivals=(*found.rivals, *rivals)), other  # fmt: skip
 
 
-def _simplest(turned: Sequence[Turned], plain: TrajectoryFit) -> tuple[Turned | None, tuple[Rival, ...]]:
-    """Return the angles that come clearly nearer than a fit without, the fewest of those that do as well, and others.
-
-    None where none come clearly nearer.
-    """
-    near = [
-        one for one in turned
-        if _gain(one.fit, plain) > max(CLEARLY, PER_JOINT * one.level.n) and one.gain(plain) > 0
-    ]  # fmt: skip
+def _simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed | None, tuple[Rival, ...]]:
+    """Return the change of fewest numbers among the clearly nearest, and what does as well; None where none is near."""
+    near = [one for one in changes if one.is_nearer(plain)]
     if not near:
         return None, ()
-    most = max(_gain(one.fit, plain) for one in near)
-    alike = [one for one in near if _gain(one.fit, plain) >= most - CLEARLY]
-    best = min(alike, key=lambda one: (int(one.sure.sum()), -_gain(one.fit, plain)))
+    most = max(nearer_by(one.fit, plain) for one in near)
+    alike = [one for one in near if nearer_by(one.fit, plain) >= most - CLEARLY]
+    best = min(alike, key=lambda one: (int(one.sure.sum()), -nearer_by(one.fit, plain)))
     return best, tuple(
         Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record)
-        for one in alike if one is not best and one.sure.sum() == best.sure.sum() for e in one.effects(plain)
+        for one in alike if one is not best and one.sure.sum() == best.sure.sum() for e in effects_of(one, plain)
     )  # fmt: skip
 
 
 def _nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
     """Whether the joints' motion is clearly nearer in one fit than in another, on the whole."""
-    return _gain(one, other) > CLEARLY
-
-
-def _gain(one: TrajectoryFit, other: TrajectoryFit) -> float:
-    """Return the sum over the joints of the logarithm by which the error's size falls from another fit to one."""
-    return float(np.log(other.equations.size / one.equations.size).sum())
+    return nearer_by(one, other) > CLEARLY
 
 
 def _aware(found: Found) -> TrajectoryFit:
-    """Return the fit with errors that know those of gains and angles."""
-    fit, turned, moved = found.done.after, found.turned, []
-    if turned is not None:
-        moved.append(moved_by(fit, turned.level, turned.by, turned.angles))
+    """Return the fit with errors that know those of gains and of a change."""
+    fit, change, moved = found.done.after, found.change, []
+    if change is not None:
+        moved.append(change.by.moved(fit, change.level, change.values))
     if found.scaled.any():
         moved.append(moved_by_gains(fit, np.flatnonzero(found.scaled).tolist()))
     if not moved:

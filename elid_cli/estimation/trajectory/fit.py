@@ -118,6 +118,13 @@ class TrajectoryFit:
         return self.z[self.unknowns.delays]
 
     @property
+    def joint_delays(self) -> Array:
+        """By how much the motion of every joint is late against the commands of each recording, s, (R, n)."""
+        extra = np.broadcast_to(self.tracked[0].run.extra, self.unknowns.robot.n)
+        found: Array = self.delays[:, None] + extra
+        return found
+
+    @property
     def within(self) -> Array:
         """How far the unknowns are apart in blocks of one recording taken alone, as a standard deviation, (U,).
 

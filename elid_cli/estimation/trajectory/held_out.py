@@ -68,10 +68,10 @@ def held_out_errors(
 
 
 def with_late_commands(signals: Signals, delays: Array) -> Signals:
-    """Return the signals with torques of commands that act later than logged, s, (R,), by recording."""
+    """Return the signals with torques of commands that act later than logged, s, (R, n), by recording and joint."""
     tau = signals.tau.copy()
     for source, late in enumerate(delays):
-        own = corrected(signals, replace(Shifts.none(signals.n), torque=np.full(signals.n, late))).tau
+        own = corrected(signals, replace(Shifts.none(signals.n), torque=late)).tau
         for segment in signals.segments:
             if segment.source == source:
                 tau[segment.start : segment.stop] = own[segment.start : segment.stop]

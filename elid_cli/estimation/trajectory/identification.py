@@ -26,10 +26,12 @@ from elid_cli.estimation.trajectory.found_effects import (
     settled,
 )
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
+from elid_cli.estimation.trajectory.late_joints import late_joints
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
+from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
-from elid_cli.estimation.trajectory.words import bodies_words, difference_words, loop_words, softness_words
+from elid_cli.estimation.trajectory.words import bodies_words, difference_words, late_words, loop_words, softness_words
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.linearised import Linearised
@@ -99,6 +101,10 @@ def fit_of(
     effects, amplitudes = declared_along(robot, runs[0])
     start = started_from(robot, signals) if start is None else start
     fit, columns = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=delays)
+    if delays and (fit.above_noise(signals) >= ABOVE).any():
+        apart = late_joints(fit)
+        if apart is not None and apart.is_nearer(fit):
+            fit, columns = apart.aware(), columns_of(apart.fit)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
@@ -201,11 +207,11 @@ def identification_of(
         )
     note = (
         f"--fit trajectory: {fit.steps} steps; simulated positions are off by {1e3 * fit.rms.mean():.3g} mrad (rms) on "
-        f"average, {1e3 * fit.rms_before.mean():.3g} with the values of least squares; the motion is "
-        f"{', '.join(f'{1e3 * d:.2g}' for d in fit.delays)} ms later than the commands; bodies are held at the file's"
+        f"average, {1e3 * fit.rms_before.mean():.3g} with the values of least squares; "
+        f"{late_words(robot, fit)}; bodies are held at the file's"
     )
     left_out = [robot_of(fit, z) for z in fit.left_out]
-    error = held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.delays), found)
+    error = held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.joint_delays), found)
     # a torque whose drive the motion does not show is not predicted
     error = {name: error[name] for k, name in enumerate(robot.joint_names) if name in error and moves[k].any()}
     above = dict(zip(robot.joint_names, fit.above_noise(signals).tolist(), strict=True))
@@ -228,14 +234,14 @@ def identification_of(
 
 
 def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -> tuple[Nuisance, ...]:
-    """Return the torque offset of every joint that shows one, (n,), and the delay of all: the mean of recordings'."""
+    """Return the torque offset of every joint that shows one, (n,), and the delay of all: mean of the recordings."""
     values, errors = fit.unknowns.joint_values(settled(fit)), fit.unknowns.joint_values(fit.deviation)
-    late, unsure = float(fit.delays.mean()), float(np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2)))
+    late, unsure = fit.joint_delays.mean(axis=0).tolist(), np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2))
     scatter = float(np.std(fit.delays, ddof=1)) if len(fit.delays) > 1 else 0.0
     names, unsure = robot.joint_names, math.hypot(unsure, scatter)
-    late_ones = names if fit.delays.any() else ()
+    late_ones = [(name, delay) for name, delay in zip(names, late, strict=True) if fit.delays.any() or delay]
     return (
         *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
           for k, name in enumerate(names) if shown[k]),
-        *(Nuisance(delay_name(), name, {"delay": late}, {"delay": unsure}) for name in late_ones),
+        *(Nuisance(delay_name(), name, {"delay": delay}, {"delay": unsure}) for name, delay in late_ones),
     )  # fmt: skip

@@ -29,6 +29,15 @@ def difference_words(item: Differing) -> str:
     return f"the recordings do not agree on {item.name} of {item.joint}: {values} {item.unit}{change}"
 
 
+def late_words(robot: Robot, fit: TrajectoryFit) -> str:
+    """Return how late the motion is in each recording, and which joints are later than the others."""
+    usual = ", ".join(f"{1e3 * delay:.2g}" for delay in fit.delays)
+    extra = np.broadcast_to(fit.tracked[0].run.extra, robot.n).tolist()
+    apart = [f"{name} {1e3 * more:.2g} ms later than that" for name, more in zip(robot.joint_names, extra, strict=True)
+             if more]  # fmt: skip
+    return f"the motion is {', '.join((f'{usual} ms later than the commands', *apart))}"
+
+
 def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
     """Return that the motion asks for other bodies than the file's, in a sentence; none where it does not."""
     if not bodies:

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
-import numpy as np
-
-from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
+from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, mean_abs_of
 from elid_cli.diagnosis.by_motion.torque_gains import gain_name
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import ABOVE
@@ -109,7 +107,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "tried": found.tried,
         "untried": list(found.untried),
         "other_bodies": dict(found.other_bodies),
-        "free_bodies": None if found.free_bodies is None else {"mean_abs": float(np.mean(found.free_bodies.mean_abs))},
+        "free_bodies": None if found.free_bodies is None else {"mean_abs": mean_abs_of(found.free_bodies)},
     }  # fmt: skip
 
 
@@ -170,7 +168,7 @@ def _free_bodies_words(found: MotionDiagnosis) -> str:
     if found.free_bodies is None:
         return ""
     unit = "mrad" if all(joint.revolute for joint in found.robot.joints) else "mm"
-    mine, its = (number_text(1e3 * float(np.mean(fit.mean_abs)), 2) for fit in (found.fit_after, found.free_bodies))
+    mine, its = (number_text(1e3 * mean, 2) for mean in (found.mean_abs[1], mean_abs_of(found.free_bodies)))
     beside = "all that is named here" if found.effects else "the bodies of the file"
     return (
         f"Bodies other than {found.robot.name} describes: with those that least squares find, the motion is off by "

@@ -37,7 +37,8 @@ def robot(folder: Path) -> Robot:
 
 
 def moved(
-    seed: int = 0, duration: float = 16.0, delay: float = 0.0, push: Extra | None = None, grip: Extra | None = None,
+    seed: int = 0, duration: float = 16.0, delay: float | np.ndarray = 0.0,
+    push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0,
 ) -> Recording:  # fmt: skip
@@ -59,12 +60,12 @@ def moved(
     states = np.empty(((count - 1) * fine + 1, 3))
     speeds = np.empty_like(states)
     states[0], speeds[0] = x, v
-    late, bodies = round(delay / STEP), np.zeros(3)
-    weight, legs = MASS * GRAVITY * REACH, INERTIA + MASS * REACH**2
+    late, bodies = np.broadcast_to(np.round(np.asarray(delay) / STEP), 3).astype(int), np.zeros(3)
+    each, (weight, legs) = np.arange(3), (MASS * GRAVITY * REACH, INERTIA + MASS * REACH**2)
 
-    def moved_by(told: int, over: float, where: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def moved_by(told: np.ndarray, over: float, where: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return the velocity after a time under what acts at a state."""
-        asked = KP * (q_des[told] - where) + KD * (dq_des[told] - speed)
+        asked = KP * (q_des[told, each] - where) + KD * (dq_des[told, each] - speed)
         torque = np.clip(asked, -limit, limit) - OFFSET - VISCOUS * speed
         torque -= weight * np.sin(where - tilt) + (push(where, speed, bodies) if push is not None else 0.0)
         pulled = torque / inertia
@@ -77,7 +78,7 @@ def moved(
         return after
 
     for k in range(len(states) - 1):
-        told = max(k - late, 0) // fine
+        told = np.maximum(k - late, 0) // fine
         # by the middle of each step: steps that act on their start only are half a step late, which is inertia
         half = moved_by(told, 0.5 * STEP, x, v)
         after = moved_by(told, STEP, x + 0.25 * STEP * (v + half), half)

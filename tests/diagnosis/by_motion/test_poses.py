@@ -11,11 +11,14 @@ import pytest
 
 from elid_cli.diagnosis.by_motion import whole_robot
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.diagnosis.by_motion.poses import BaseAngles
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.estimation.trajectory.changes import Changed
 from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.report.answers.motion_diagnosis import named_effects
 from elid_cli.signals.signals import prepare
-from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, OFFSET, VISCOUS, moved, robot, written
+from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
 
 
 def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path) -> None:
@@ -110,15 +113,50 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
         return Done(plain)
 
     fit = SimpleNamespace(values=None, **vars(leaving(*np.full(joints, error))))
-    turned = SimpleNamespace(fit=fit, robot=None, level=SimpleNamespace(n=joints), gain=lambda _: 0.5)
-    turned.sure = np.array([True, False])
+    turned = Turned(BaseAngles(), np.array([0.1, 0.0]), np.array([0.001, np.inf]), SimpleNamespace(n=joints), fit)  # type: ignore[arg-type]
     monkeypatch.setattr(whole_robot, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
-    monkeypatch.setattr(whole_robot, "zeros_of", lambda _: None)
+    for other in ("zeros_of", "late_joints"):
+        monkeypatch.setattr(whole_robot, other, lambda _: None)
     none = np.zeros(joints, dtype=bool)
     found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, None, None, None)  # type: ignore[arg-type]
     log = whole_robot._Log(None, [], ([], []), (), None)  # type: ignore[arg-type]
-    found, angles, rivals = whole_robot._asked_angles(found, log)
-    assert whole_robot._by_angles(found, log, angles, rivals).turned is None
+    found, change, rivals = whole_robot._asked_change(found, log)
+    found, _ = whole_robot._by_change(found, log, change, rivals)
+    assert found.change is None
     assert bool(asks) == asked
-    assert found.done.tried == 2
+    assert found.done.tried == 3
+
+
+class Turned(Changed):
+    """A change of a robot that nothing else is known of."""
+
+    @property
+    def robot(self) -> None:  # type: ignore[override]
+        """Return none."""
+
+    def gain(self, before: object) -> float:
+        """Return some."""
+        return 0.5
+
+
+def test_a_drive_that_acts_later_than_the_others_is_named_with_its_delay(tmp_path: Path) -> None:
+    arm, late = robot(tmp_path), np.array([0.001, 0.001, 0.006])
+    recording = moved(7, 10.0, delay=late)
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "late.h5", recording)], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("torque_delay", "three")]
+    assert found.effects[0].parameters["delay"] == pytest.approx(0.006, abs=5e-5)
+    assert not found.unexplained
+    delays = {n.joint: n.parameters["delay"] for n in found.after.nuisances if n.effect == "torque_delay"}
+    assert [delays[name] for name in NAMES] == pytest.approx(late, abs=5e-5)
+    truth = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)
+    assert np.abs((found.fit_after.values - truth) / error).max() < 4
+    assert replay(found.refined, recording).mean_abs < 3e-4
+    # so does a fit that nobody asked about effects
+    plain = identify(
+        arm, prepare(read_recording([str(tmp_path / "late.h5")], arm), arm), EstimateOptions(fit="trajectory")
+    )
+    delays = {n.joint: n.parameters["delay"] for n in plain.nuisances if n.effect == "torque_delay"}
+    assert [delays[name] for name in NAMES] == pytest.approx(late, abs=5e-5)
+    assert not plain.settings["trajectory"]["beyond_noise"]  # type: ignore[index]

@@ -43,8 +43,11 @@ class Beside:
     """Part of every joint's squared error that the step leaves, by first order, (n,)."""
 
     @classmethod
-    def of(cls, fit: TrajectoryFit, moved: Sequence[Array]) -> Beside:
-        """Return them by how the positions of the fit's stretches change with them, (N, n, L) each."""
+    def of(cls, fit: TrajectoryFit, moved: Sequence[Array], held: slice = slice(0)) -> Beside:
+        """Return them by how the positions of the fit's stretches change with them, (N, n, L) each.
+
+        Unknowns of the fit that are `held` stay where they are.
+        """
         own, n = fit.unknowns, fit.unknowns.robot.n
         columns, count = columns_of(fit), moved[0].shape[2]
         errors = [np.nan_to_num(item.x[:, :n] + item.finer - item.run.measured) for item in fit.tracked]
@@ -69,6 +72,7 @@ class Beside:
                     load[place, here] += plain.T @ force[a:b].ravel()
                     place += 1
         shown = np.setdiff1d(np.arange(own.count), own.delays.start + np.flatnonzero(fit.delays == 0))
+        shown = np.setdiff1d(shown, np.arange(own.count)[held])
         used = np.append(shown, further)
         matrix, load, first = matrix[:, used][:, :, used], load[:, used], len(shown)
         whole = matrix.sum(axis=0)

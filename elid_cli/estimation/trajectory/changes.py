@@ -1,0 +1,200 @@
+"""A few numbers that change the robot, or what drives it, beside what a trajectory fit finds: Gauss-Newton on both."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.errors import DataError
+from elid_cli.estimation.trajectory.beside import SETTLED, Beside
+from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.unknowns import Unknowns
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.runs import Run
+from elid_cli.robot.robot import Robot
+
+STEPS = 12
+"""Most steps of the numbers."""
+SURE = 5.0
+"""Standard errors by which a number must be clear of 0."""
+CLEARLY = 0.2
+"""Sum over the joints of the logarithm of the error's size by which a fit is clearly nearer."""
+PER_JOINT = 0.04
+"""The same per joint that a change alone must reach before a search is made with it. Measured: a quadruped of twelve
+joints on level ground 0.028, whose search takes minutes."""
+HOPEFUL = 0.1
+"""Sum over the joints of the logarithm by which the error's size must fall: by first order with the first step …"""
+TRIED = 2
+"""… and in fact from this step on, from 0."""
+QUICK = 6
+"""Most motions of a fit whose slopes are computed for one step of the numbers."""
+STILL = 1e-9
+"""rad (m) by which positions change with 1 of a number that no joint feels."""
+
+
+class Change(ABC):
+    """Numbers that change a robot or its drives against their description."""
+
+    kind: type[Effect]
+    """The effect that they are."""
+    joints: tuple[int, ...] = ()
+    """Of which joints they are, one each; () of the whole robot."""
+    most: float
+    """Largest size of a number."""
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return len(self.joints)
+
+    def robot(self, level: Robot, values: Array) -> Robot:
+        """Return the robot, changed from its description by values, (count,)."""
+        return level
+
+    def run(self, plain: Run, values: Array) -> Run:
+        """Return a stretch with drives that are changed by values, (count,)."""
+        return plain
+
+    def named(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return the values as the effect's parameters, (count,)."""
+        return values
+
+    @abstractmethod
+    def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
+        """Return how the positions of a fit's stretches change with the values, rad (m) per 1, (N, n, count) each.
+
+        `level` is the robot as it is described, the fit that of the changed one.
+        """
+
+
+@dataclass(frozen=True)
+class Changed:
+    """The robot with such a change, and the fit of it."""
+
+    by: Change
+    values: Array
+    """(count,)."""
+    deviations: Array
+    """Standard errors, (count,); infinite of a number that no joint of the robot feels."""
+    level: Robot
+    """The robot as it is described."""
+    fit: TrajectoryFit
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as it is changed."""
+        return self.fit.unknowns.robot
+
+    def runs(self, plain: Sequence[Run]) -> list[Run]:
+        """Return stretches with drives as they are changed."""
+        return [self.by.run(run, self.values) for run in plain]
+
+    @property
+    def sure(self) -> NDArray[np.bool_]:
+        """Which numbers are clear of 0, (count,)."""
+        found: NDArray[np.bool_] = np.abs(self.values) > SURE * self.deviations
+        return found
+
+    def aware(self) -> TrajectoryFit:
+        """Return the fit with errors that know those of the change."""
+        beside = Beside.of(self.fit, self.by.moved(self.fit, self.level, self.values))
+        return replace(self.fit, covariance=self.fit.covariance + beside.added)
+
+    def is_nearer(self, before: TrajectoryFit) -> bool:
+        """Whether it brings the motion clearly nearer than a fit without, on the whole."""
+        return nearer_by(self.fit, before) > max(CLEARLY, PER_JOINT * self.level.n) and self.gain(before) > 0
+
+    def squares(self, before: TrajectoryFit) -> tuple[Array, Array]:
+        """Return the squared errors of every joint, in the size that a fit leaves, of that fit and with the change."""
+        bare, left = (fit.equations.lighter.sum(axis=0) / before.equations.size**2 for fit in (before, self.fit))
+        return bare, left
+
+    def gain(self, before: TrajectoryFit) -> float:
+        """Return what it takes from the squared error of a fit without, every joint in its size."""
+        bare, left = self.squares(before)
+        return float(1.0 - left.sum() / bare.sum())
+
+
+def nearer_by(one: TrajectoryFit, other: TrajectoryFit) -> float:
+    """Return the sum over the joints of the logarithm by which the error's size falls from another fit to one."""
+    return float(np.log(other.equations.size / one.equations.size).sum())
+
+
+def changed(before: TrajectoryFit, by: Change) -> Changed | None:
+    """Return the change that the motion asks for beside all that a fit finds; None where it asks for none.
+
+    Parameters
+    ----------
+    before
+        The fit of the robot and the drives as they are described.
+    by
+        What is to be changed.
+    """
+    level, fit, plain = before.unknowns.robot, before, [item.run for item in before.tracked]
+    values = np.zeros(by.count)
+    for number in range(STEPS):
+        moved = by.moved(fit, level, values)
+        found = Beside.of(fit, moved)
+        if number == 0 and -0.5 * np.log(found.left).sum() < HOPEFUL:
+            return None
+        shown = np.any([np.abs(part).max(axis=(0, 1)) > STILL for part in moved], axis=0)
+        deviations = np.where(shown, np.hypot(found.deviations, COARSE * by.most), np.inf)
+        if number == STEPS - 1 or (np.abs(found.steps) <= SETTLED * deviations).all():
+            break
+        before_it, values = values, np.clip(values + found.steps, -by.most, by.most)
+        if min(np.abs(before_it).max(), np.abs(values).max()) >= by.most:  # it wants to be farther than it may
+            return None
+        again = _refitted(fit, by.robot(level, values), [by.run(run, values) for run in plain], fit.z + found.along)
+        if again is None:
+            return None
+        fit = again
+        if number >= TRIED and nearer_by(fit, before) < HOPEFUL:
+            return None
+    made = Changed(by, values, deviations, level, fit)
+    return made if made.sure.any() else None
+
+
+def changed_joints(
+    before: TrajectoryFit, joints: Sequence[int], of: Callable[[tuple[int, ...]], Change], least: float = 0.0
+) -> Changed | None:
+    """Return the change of those of some joints that the motion is sure of; None where there are none.
+
+    Parameters
+    ----------
+    before
+        The fit without.
+    joints
+        Where the change may be. Those that are not clear of 0 are left out, and the others found again.
+    of
+        Makes the change of some joints.
+    least
+        Size that a change must have.
+    """
+    left = tuple(joints)
+    while left:
+        found = changed(before, of(left))
+        if found is None:
+            return None
+        sure = found.sure & (np.abs(found.values) > least)
+        kept = tuple(joint for joint, may in zip(left, sure, strict=True) if may)
+        if kept == left:
+            return found
+        left = kept
+    return None
+
+
+def _refitted(fit: TrajectoryFit, robot: Robot, runs: Sequence[Run], z: Array) -> TrajectoryFit | None:
+    """Return the fit of another robot or drives, started from z (U,); None where the simulated motion runs away."""
+    own = fit.unknowns
+    unknowns = Unknowns(robot, fit.effects, own.recordings, own.held)
+    tracked = [replace(Tracked.of(run), usual=item.usual) for run, item in zip(runs, fit.tracked, strict=True)]
+    try:
+        return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), cycles=QUICK)
+    except DataError:
+        return None

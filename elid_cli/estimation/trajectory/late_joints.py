@@ -1,0 +1,70 @@
+"""Drives that act later than the others: a delay of a joint of its own beside the one that a recording has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.trajectory.beside import Beside, moved_by_runs
+from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.unknowns import LATEST
+from elid_cli.model.effects import effect_that
+from elid_cli.model.runs import Run
+from elid_cli.robot.robot import Robot
+
+NUDGE = 1e-4
+"""s by which a drive is made later to see what that does."""
+LEAST = 2e-4
+"""s by which a drive must be later than the others."""
+
+
+@dataclass(frozen=True)
+class LateJoints(Change):
+    """By how much some joints' drives act later than the others', s."""
+
+    joints: tuple[int, ...]
+    kind = effect_that(nuisance="delay")
+    most = LATEST
+
+    def run(self, plain: Run, values: Array) -> Run:
+        """Return the stretch with these drives later."""
+        return plain.later(self._of_all(plain, values))
+
+    def named(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return the whole delays of these drives, s."""
+        found: Array = values + fit.delays.mean()
+        return found
+
+    def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
+        """Return what it does to make each of the drives a little later."""
+
+        def later(place: int) -> Callable[[Run], Run]:
+            step = NUDGE * np.eye(len(self.joints))[place]
+            return lambda run: run.later(run.extra + self._of_all(run, step))
+
+        return [part / NUDGE for part in moved_by_runs(fit, [later(k) for k in range(len(self.joints))])]
+
+    def _of_all(self, run: Run, values: Array) -> Array:
+        late = np.zeros(run.measured.shape[1])
+        late[list(self.joints)] = values
+        return late
+
+
+def late_joints(before: TrajectoryFit) -> Changed | None:
+    """Return the drives that the motion shows to be later, or earlier, than most; None where it shows none.
+
+    With the recording's own delay held, each joint has one; those that are apart from the median of all are found again
+    beside it.
+    """
+    own = before.unknowns
+    if own.robot.n < 2:
+        return None
+    every = LateJoints(tuple(range(own.robot.n)))
+    alone = Beside.of(before, every.moved(before, own.robot, np.zeros(own.robot.n)), held=own.delays)
+    apart = np.abs(alone.steps - np.median(alone.steps))
+    joints = np.flatnonzero((apart > LEAST) & (apart > SURE * alone.deviations)).tolist()
+    return changed_joints(before, joints, LateJoints, LEAST)
