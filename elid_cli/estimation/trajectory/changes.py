@@ -157,7 +157,7 @@ def changed(before: TrajectoryFit, by: Change) -> Changed | None:
         if number >= TRIED and nearer_by(fit, before) < HOPEFUL:
             return None
     made = Changed(by, values, deviations, level, fit)
-    return made if made.sure.any() else None
+    return made if made.sure.any() and np.abs(values).max() < by.most else None
 
 
 def changed_joints(

@@ -18,6 +18,7 @@ from elid_cli.estimation.trajectory.acting import (
     resisting,
     scene_along,
 )
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.drives import Joints
@@ -166,7 +167,7 @@ def _no_driving_friction(robot: Robot) -> None:
 
 def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
     """Return the simulated positions of the runs, those of one length side by side."""
-    equations = Linearised(robot)
+    equations = Linearised(robot, without=PARAMETERS)  # what a rotor needs is no load of its transmission
     own = robot.reference()
     names = robot.parameter_names()
 
@@ -176,7 +177,7 @@ def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
 
     fading = declared_fading(robot)
     coulomb = of("fs") if fading is None else np.maximum(of("fs") - fading.friction, 0.0)
-    joints = Joints(np.zeros((1, robot.n)), coulomb, of("fv"), offsets[None], fading=fading)
+    joints = Joints(of("Ja"), coulomb, of("fv"), offsets[None], fading=fading)
     found: dict[int, Array] = {}
     lengths: dict[int, list[int]] = {}
     for k, run in enumerate(runs):
