@@ -31,7 +31,7 @@ from elid_cli.robot.urdf.write import in_joint_frames, unreal_bodies
 from elid_cli.robot.urdf.xml import Element
 from elid_cli.robot.xml_edit import XmlEdit
 from elid_cli.robot.xml_text import xml_attributes, xml_number, xml_numbers
-from elid_cli.robot.zeros import zero_between
+from elid_cli.robot.zeros import with_zeros, zero_between
 
 SAME = 1e-12
 """Relative change below which a number is left as the file has it."""
@@ -139,7 +139,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
         if limit is not None:
             _set(edit, element, "limit", {"effort": xml_number(limit)})
         if abs(zero) > SAME:
-            _set(edit, element, "origin", {"xyz": xml_numbers(joint.xyz), "rpy": xml_numbers(joint.rpy)})
+            _set(edit, element, "origin", _origin_at(element, joint, zero))
         if said:
             said = {"joint": name, "transmission": joint.transmission, **said}
             if name in own:
@@ -148,6 +148,18 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
                 edit.add_first(edit.root, f"<elid {xml_attributes(said)}/>")
     if unreal:  # kinematics libraries load them, MuJoCo and others refuse
         edit.comment(unreal_bodies(unreal))
+
+
+def _origin_at(element: Element, joint: Joint, zero: float) -> dict[str, str]:
+    """Return the origin of a joint whose positions are read larger by `zero`; fixed joints before it stay."""
+    origin = element.one("origin")
+    (x, y, z), (roll, pitch, yaw) = (
+        (0.0, 0.0, 0.0) if origin is None else origin.numbers(key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy")
+    )
+    own = Joint("own", joint.type, xyz=(x, y, z), rpy=(roll, pitch, yaw), axis=joint.axis)
+    at = Robot("", (own,), dh="urdf")
+    (moved_one,) = with_zeros(at, np.array([zero])).joints
+    return {"xyz": xml_numbers(moved_one.xyz), "rpy": xml_numbers(moved_one.rpy)}
 
 
 def _set(edit: XmlEdit, holder: Element, tag: str, values: dict[str, str]) -> None:

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import RobotError
-from elid_cli.robot.files import read_robot, robot_from_text
+from elid_cli.model.body_torques import gravity_torques, inertial_torques
+from elid_cli.robot.files import read_robot, robot_from_text, write_robot
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.patch import _alike, patched
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import in_joint_frames
+from elid_cli.robot.zeros import with_zeros, zero_between
 from tests.robot.elastic_lagrange import inertia_matrix
 from tests.robot.test_mjcf import MODEL, compared, held, rigid
 from tests.robot.test_urdf import ARM, described
@@ -60,6 +62,32 @@ def test_new_parameters_read_back_and_nothing_else_changes(text: str, name: str,
     changed += r'|(armature|damping|frictionloss)="[^"]*"'
     kept = [re.sub(changed, "", t, flags=re.DOTALL) for t in (text, written)]
     assert kept[0] == kept[1]
+
+
+@pytest.mark.parametrize(("text", "name"), [(URDF, "arm.urdf"), (MODEL, "arm.xml")])
+def test_a_robot_turned_to_the_zeros_of_its_encoders_reads_back(text: str, name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    before = read_robot(tmp_path / name)
+    offsets = np.where(np.arange(before.n) % 2 == 0, 0.07, -0.3) * (np.arange(before.n) > 0)
+    turned = with_zeros(before, offsets)
+    assert [zero_between(before, turned, k) for k in range(before.n)] == pytest.approx(offsets, abs=1e-12)
+    again = robot_from_text(patched(turned), name)
+    for ours, theirs in zip(turned.placements(), again.placements(), strict=True):
+        np.testing.assert_allclose(theirs[0] @ theirs[1], ours[0] @ ours[1], atol=1e-9)
+    # positions that are read too large by the offsets hold it as the true ones hold the robot before
+    q = np.random.default_rng(1).uniform(-1, 1, (20, before.n))
+    np.testing.assert_allclose(gravity_torques(again, q + offsets), gravity_torques(before, q), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["puma560", "planar2", "emps"])
+def test_a_described_robot_turned_to_the_zeros_of_its_encoders_holds_what_it_held(name: str, tmp_path: Path) -> None:
+    before = read_robot(name)
+    offsets = 0.1 * np.arange(1, before.n + 1)
+    write_robot(with_zeros(before, offsets), tmp_path / "turned.yaml")
+    again = read_robot(tmp_path / "turned.yaml")
+    q, v, a = np.random.default_rng(1).uniform(-1, 1, (3, 20, before.n))
+    for of in (lambda robot, q: gravity_torques(robot, q), lambda robot, q: inertial_torques(robot, q, v, a)):
+        np.testing.assert_allclose(of(again, q + offsets), of(before, q), atol=1e-7)
 
 
 def test_comments_inside_an_inertial_stay(tmp_path: Path) -> None:

@@ -33,7 +33,8 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "nuisances": nuisance_payload(found.nuisances),
         "effects": nuisance_payload(found.effects),
         **gains_payload(found.drive_gains),
-        **picked(found, "notes warnings"),
+        **picked(found, "notes"),
+        "warnings": [*(recording.warnings if recording is not None else ()), *found.warnings],
     }
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, mean_abs_of
 from elid_cli.diagnosis.by_motion.torque_gains import gain_name
+from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.model.effects import effect_classes
@@ -107,7 +108,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "tried": found.tried,
         "untried": list(found.untried),
         "other_bodies": dict(found.other_bodies),
-        "free_bodies": None if found.free_bodies is None else {"mean_abs": mean_abs_of(found.free_bodies)},
+        **({} if found.free_bodies is None else {"free_bodies": {"mean_abs": mean_abs_of(found.free_bodies)}}),
     }  # fmt: skip
 
 
@@ -220,7 +221,8 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
     meanings: list[tuple[str, Cell]] = [
         (
             whose(e.effect, e.joint),
-            f"{e.summary}: {inputs.effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}",
+            f"{e.summary}: {inputs.effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}"
+            f"{_constant_words(e)}",
         )
         for e in found.effects
     ]
@@ -231,6 +233,15 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
         for r in found.also_possible
     ]
     return [*tables, *([KeyValues("also_possible", tuple(rivals), SAME)] if rivals else [])]
+
+
+def _constant_words(effect: FoundEffect) -> str:
+    """Return which parameters of an effect only add a constant torque, which the joint's offset adds as well."""
+    kind = effect_classes()[effect.effect]
+    names = [p.name for p in kind.amplitudes if p.name in effect.parameters and p.name not in effect.std_error]
+    if not names or not effect.std_error:
+        return ""
+    return f"; {listed(names)}: only the sum with the torque offset shows"
 
 
 def _position_table(found: MotionDiagnosis) -> Table:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.logs import robot_as_logged
 from elid_cli.logs.reading import read_recording
@@ -29,3 +33,24 @@ def test_a_lighter_body_is_told_beside_what_imitates_it(tmp_path: Path) -> None:
     section = next(s for s in motion_diagnosis_report(found, "pendulums.xml", ()).sections if isinstance(s, KeyValues))
     said = str(dict(section.items)[MISSING])
     assert "Other bodies than pendulums describes would bring the motion of two nearer as well" in said
+
+
+def test_bodies_that_come_nearer_than_effects_are_told_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = plant.robot(tmp_path).source
+    text = Path(path).read_text()
+    # a body of another mass alone, at another place: neither a gain nor a spring is the same
+    Path(path).write_text(text.replace('pos="0 0 -0.2" mass="0.8"', 'pos="0.05 0 -0.12" mass="0.7"'))
+    log, out = plant.written(tmp_path, "log.h5", plant.moved(5, 10.0)), str(tmp_path / "found.yaml")
+    assert main(["diagnose", log, "--robot", path, "--write-robot", out, "--json", "--fail-on-effect"]) == 1
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert not found["sufficient"]
+    assert found["free_bodies"]["mean_abs"] < 0.7 * found["after"]["mean_abs"]
+    assert "has the bodies of the file" in said.err
+    assert "the bodies are others" in said.err
+    assert main(["diagnose", log, "--robot", path]) == 0
+    said_so = " ".join(capsys.readouterr().out.split())
+    assert "what is missing? Bodies other than pendulums describes" in said_so
+    assert "Next: elid identify" in said_so

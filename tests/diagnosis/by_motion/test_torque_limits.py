@@ -62,6 +62,21 @@ def test_a_limit_is_named_written_and_asked_for_alone(tmp_path: Path, capsys: py
     assert found["sufficient"]
 
 
+def test_an_mjcf_that_lacks_the_delay_has_the_drives_of_a_fit_without_it_within_the_limit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = robot(tmp_path).source, tmp_path / "refined.xml"
+    recording = moved(3, delay=0.004, limit=np.array([np.inf, 7.5, np.inf]))
+    log = written(tmp_path, "cut.h5", recording)
+    assert main(["diagnose", log, "--robot", path, "--only", "saturation", "--write-robot", str(out)]) == 0
+    assert "the parameters are those of a fit without" in capsys.readouterr().err
+    refined = read_robot(str(out))
+    assert refined.joint("two").limits.torque == pytest.approx(7.5, rel=5e-3)
+    for k, joint in enumerate(refined.joints):  # what commands that act late look like: friction and some inertia
+        assert joint.parameters["Ja"] == pytest.approx(ARMATURE[k], rel=0.35)
+        assert COULOMB[k] < joint.parameters["fs"] < 1.6 * COULOMB[k]
+
+
 def test_a_limit_that_one_of_two_recordings_reaches_is_found(tmp_path: Path) -> None:
     arm, limits = robot(tmp_path), np.array([np.inf, 7.5, np.inf])
     gentle = moved(4, 8.0, limit=limits)
