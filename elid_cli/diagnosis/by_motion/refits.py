@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
+from elid_cli.estimation.trajectory.decided import late_or_prompt
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
-from elid_cli.estimation.trajectory.softening import softened
+from elid_cli.estimation.trajectory.softening import is_worth, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
 
@@ -43,6 +44,25 @@ def again(
 def softened_again(fit: TrajectoryFit) -> TrajectoryFit:
     """Return the fit with friction that fades in over a speed, where the log asks for it now."""
     return softened(fit, lambda unknowns, near, z: again(near, unknowns, z))
+
+
+def hardened(fit: TrajectoryFit, soft: Collection[int]) -> TrajectoryFit:
+    """Return the fit without friction that fades in at some joints, where the motion no longer asks for any of it.
+
+    What effects that were found since explain, softer friction may have imitated: its lead a delay.
+    """
+    own = fit.unknowns
+    places = {own.soft[joint] for joint in soft if joint in own.soft}
+    if not places:
+        return fit
+    kept = [k for k in range(len(own.effects)) if k not in places]
+    unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
+    tracked = [replace(item) for item in fit.tracked]
+    try:
+        hard, _ = late_or_prompt(unknowns, tracked, known_of(fit, unknowns, fit.z[own.amplitudes]), late=True)
+    except DataError:
+        return fit
+    return fit if any(is_worth(fit, hard, joint) for joint in soft) else hard
 
 
 def in_place(fit: TrajectoryFit, others: Mapping[int, Effect]) -> TrajectoryFit | None:

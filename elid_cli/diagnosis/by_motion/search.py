@@ -24,7 +24,7 @@ from elid_cli.diagnosis.by_motion.candidates import (
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
-from elid_cli.diagnosis.by_motion.refits import again, grown, in_place, softened_again, without
+from elid_cli.diagnosis.by_motion.refits import again, grown, hardened, in_place, softened_again, without
 from elid_cli.diagnosis.by_motion.rivals import with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
@@ -139,6 +139,11 @@ def search(
             fit, named, swapped = with_rivals(fit, named, known)
             if swapped:
                 fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
+            hard = hardened(fit, softer)
+            if hard is not fit:
+                known -= len(softer)
+                softer = {}
+                fit, named = _kept(hard, named, known)
         fit, limits = sharpened(fit, limits)
     except KeyboardInterrupt:
         partial = True

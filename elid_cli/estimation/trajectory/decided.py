@@ -76,19 +76,19 @@ def fit_with_columns(
     """Return the fit of `fit_trajectory`, and how its stretches' positions change with the unknowns, (N, n, U) each."""
     unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs), len(effects))
     z = started(unknowns, start, amplitudes)
-    fit, columns = _late_or_prompt(unknowns, [Tracked.of(run) for run in runs], z, late=late, tell=tell)
+    fit, columns = late_or_prompt(unknowns, [Tracked.of(run) for run in runs], z, late=late, tell=tell)
     if not soft:
         return fit, columns
 
     def refit(other: Unknowns, near: TrajectoryFit, begun: Array) -> TrajectoryFit:
         tracked = [replace(item) for item in near.tracked]
-        return _late_or_prompt(other, tracked, begun, late=late)[0]
+        return late_or_prompt(other, tracked, begun, late=late)[0]
 
     softer = softened(fit, refit, columns)
     return softer, columns if softer is fit else columns_of(softer)
 
 
-def _late_or_prompt(
+def late_or_prompt(
     unknowns: Unknowns, tracked: list[Tracked], z: Array, *, late: bool, tell: Callable[[float], None] | None = None
 ) -> tuple[TrajectoryFit, list[Array]]:
     """Return the fit with delays, where they may be and the log shows one, or without."""

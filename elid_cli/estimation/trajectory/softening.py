@@ -99,6 +99,13 @@ def gains_of(soft: TrajectoryFit) -> dict[int, float]:
     return found
 
 
+def is_worth(soft: TrajectoryFit, hard: TrajectoryFit, joint: int) -> bool:
+    """Whether a joint's chain is simulated better with softer friction, where that was not fitted."""
+    chain = int(soft.unknowns.chain_of[len(KINDS) * joint])
+    change = _held_out(soft, chain) - _held_out(hard, chain)
+    return bool(change.mean() < -WORTH and np.mean(change < 0) >= HELPED)
+
+
 def columns_of(fit: TrajectoryFit) -> list[Array]:
     """Return how the positions of a fit's stretches change with every unknown, (N, n, U) each."""
     robot = fit.unknowns.robot
@@ -149,9 +156,7 @@ def _stays(soft: TrajectoryFit, effect: Effect, hard: TrajectoryFit) -> bool:
     # what makes no memory may make a lead that is none: blocks of time know
     blocks = np.sqrt(np.diag(jackknife(soft.left_out)))
     clear = soft.z[places] > SHOWN * np.maximum(soft.deviation, blocks)[places]
-    chain = int(own.chain_of[len(KINDS) * effect.joint])
-    change = _held_out(soft, chain) - _held_out(hard, chain)
-    return bool(clear.any() and change.mean() < -WORTH and np.mean(change < 0) >= HELPED)
+    return bool(clear.any()) and is_worth(soft, hard, effect.joint)
 
 
 def _held_out(fit: TrajectoryFit, chain: int) -> Array:

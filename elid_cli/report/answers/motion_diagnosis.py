@@ -36,6 +36,7 @@ from elid_cli.report.tree import (
 )
 
 METHOD = "judged by the simulated motion, on stretches that the values were not fitted to"
+RIGID = " The joints are taken as rigid: play and compliance of their transmissions are not tried."
 PARTIAL = (
     "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
     " written"
@@ -129,13 +130,14 @@ def _trust(found: MotionDiagnosis) -> str:
 
 def _missing(found: MotionDiagnosis) -> str:
     left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
+    rigid = RIGID if found.unexplained else ""
     first = _free_bodies_words(found)
     if found.partial and not found.effects:
         return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
         what = "that was tried by motion" if found.untried else "that elid knows"
         others = f" Not tried by motion: {_untried_words(found)}." if found.untried else ""
-        none = f"No effect {what} brings the motion nearer.{_bodies_words(found)}{left}{others}"
+        none = f"No effect {what} brings the motion nearer.{_bodies_words(found)}{left}{others}{rigid}"
         return f"{first}{'' if first else none}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
@@ -149,7 +151,7 @@ def _missing(found: MotionDiagnosis) -> str:
     named = named_words(places, found.also_possible)
     if first:
         first, named = f"{first} With the bodies of the file: ", named.replace("One of", "one of", 1)
-    return f"{first}{named}{moved}{_gains_words(found)}{_bodies_words(found)}"
+    return f"{first}{named}{moved}{_gains_words(found)}{_bodies_words(found)}{rigid}"
 
 
 def _bodies_words(found: MotionDiagnosis) -> str:

@@ -33,6 +33,7 @@ def test_a_lighter_body_is_told_beside_what_imitates_it(tmp_path: Path) -> None:
     section = next(s for s in motion_diagnosis_report(found, "pendulums.xml", ()).sections if isinstance(s, KeyValues))
     said = str(dict(section.items)[MISSING])
     assert "Other bodies than pendulums describes would bring the motion of two nearer as well" in said
+    assert "play and compliance of their transmissions are not tried" in said
 
 
 def test_bodies_that_come_nearer_than_effects_are_told_first(
