@@ -13,6 +13,7 @@ import argparse
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ def at_joint(of: Callable[[float, float, float], float]) -> plant.Extra:
     return lambda x, v, load: ONLY * of(float(x[AT]), float(v[AT]), float(load[AT]))
 
 
-EFFECTS: dict[str, dict[str, plant.Extra]] = {
+EFFECTS: dict[str, dict[str, Any]] = {
     "clean": {},
     "link_spring": {"push": at_joint(lambda x, v, load: 1.2 * x)},
     "position_friction": {"grip": at_joint(lambda x, v, load: 0.12 * np.sin(4 * x + 1))},
@@ -44,11 +45,20 @@ EFFECTS: dict[str, dict[str, plant.Extra]] = {
     "load_friction": {"grip": at_joint(lambda x, v, load: 0.15 * abs(load))},
     "quadratic_viscous": {"push": at_joint(lambda x, v, load: 0.08 * v * abs(v))},
     "torque_ripple": {"push": at_joint(lambda x, v, load: 0.08 * np.sin(12 * x))},
+    "saturation": {"limit": np.where(ONLY > 0, 7.0, np.inf)},
+    "torque_gain": {"gain": 1.0 + 0.15 * ONLY},
+    "gravity_direction": {"tilt": 0.05},
+    "encoder_zero": {"tilt": 0.05 * ONLY},
+    "torque_delay": {"later": 0.004 * ONLY},
 }
+"""What the plant does: see `plant.moved`; by what the log's gains are too large; by how much drives are later."""
 
 
-def diagnosed(folder: Path, robot: Robot, seed: int, delay: float, effect: dict[str, plant.Extra]) -> MotionDiagnosis:
-    recording = plant.moved(seed, delay=delay, push=effect.get("push"), grip=effect.get("grip"))
+def diagnosed(folder: Path, robot: Robot, seed: int, delay: float, effect: dict[str, Any]) -> MotionDiagnosis:
+    does = {name: value for name, value in effect.items() if name not in ("gain", "later")}
+    recording = plant.moved(seed, delay=delay + effect.get("later", 0.0), **does)
+    for name in ("kp", "kd"):
+        recording.commands[name][:] *= effect.get("gain", 1.0)  # type: ignore[index]
     log = plant.written(folder, "log.h5", recording)
     signals = prepare(read_recording([log], robot), robot)
     return diagnose_motion(robot, signals, identify(robot, signals, EstimateOptions(fit="torque", guards=False)))
@@ -56,9 +66,12 @@ def diagnosed(folder: Path, robot: Robot, seed: int, delay: float, effect: dict[
 
 def judged(name: str, found: MotionDiagnosis) -> tuple[str, list[str]]:
     """Return how an effect was told, and what else was named."""
-    here = {e.effect for e in found.effects if e.joint == plant.NAMES[AT]}
+    places = (plant.NAMES[AT], None)
+    here = {e.effect for e in found.effects if e.joint in places}
     beside = {r.effect for r in found.also_possible if r.joint == plant.NAMES[AT]}
-    others = [f"{e.effect}@{e.joint}" for e in found.effects if e.joint != plant.NAMES[AT] or e.effect != name]
+    others = [
+        f"{e.effect}@{e.joint}" for e in found.effects if e.joint not in (plant.NAMES[AT], None) or e.effect != name
+    ]
     word = "named" if name in here else "in set" if name in beside else "wrong" if here else "none"
     return word, others
 
