@@ -97,6 +97,7 @@ def write_found(
             refusals.append(refusal)
         else:
             written.append(path)
+            note([f"{path}: {sentence}" for sentence in _other_limits(refined, path)], output, "left out")
     return Written(tuple(written), refusals[0] if refusals else None)
 
 
@@ -177,6 +178,18 @@ def stays_aside(robot: Robot, path: str) -> list[str]:
             "coupling to the body that carries it"
         )
     return said
+
+
+def _other_limits(robot: Robot, path: str) -> list[str]:
+    """Return in words the torque limits that a written MJCF does not have: its actuators keep lower ones."""
+    if Path(path).suffix.lower() not in (".xml", ".mjcf"):
+        return []
+    from elid_cli.robot.files import read_robot
+
+    limits = {joint.name: joint.limits.torque for joint in read_robot(path, beside=False).joints}
+    wanted = {joint.name: joint.limits.torque or 0.0 for joint in robot.joints}
+    names = [name for name, limit in limits.items() if limit and limit < 0.999 * wanted.get(name, 0.0)]
+    return [f"the torque limit of {', '.join(names)}: an actuator of the file has a lower one"] if names else []
 
 
 def _softened(robot: Robot) -> list[str]:

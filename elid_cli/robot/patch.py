@@ -70,7 +70,7 @@ def patched(robot: Robot, remarks: Sequence[str] = (), further: Mapping[str, Map
         said = _said(joint) if _said(joint) != _said(was) else {}
         place = robot.joint_names.index(name)
         zero = zero_between(old, new, place) if joint.rpy != was.rpy or joint.xyz != was.xyz else 0.0
-        changes[name] = _Change(joint, _change(was, joint), said, _lower_limit(was, joint), zero)
+        changes[name] = _Change(joint, _change(was, joint), said, _other_limit(was, joint), zero)
     if edit.root.tag == "mujoco":
         _patch_mjcf(edit, text, robot, changes, further or {})
     else:
@@ -98,7 +98,7 @@ class _Change(NamedTuple):
     said: dict[str, str]
     """What of its motor only elid's own element can say."""
     limit: float | None
-    """A torque limit below the file's, N·m (N)."""
+    """A torque limit other than the file's, N·m (N)."""
     zero: float
     """By how much its positions are read larger than by the file, rad (m)."""
 
@@ -106,9 +106,9 @@ class _Change(NamedTuple):
 _Changes = dict[str, _Change]
 
 
-def _lower_limit(old: Joint, new: Joint) -> float | None:
+def _other_limit(old: Joint, new: Joint) -> float | None:
     before, after = old.limits.torque, new.limits.torque
-    return after if after is not None and (before is None or after < before * (1.0 - SAME)) else None
+    return after if after is not None and (before is None or not _near(before, after)) else None
 
 
 def _said(joint: Joint) -> dict[str, str]:
@@ -258,7 +258,7 @@ def _patch_mjcf(
                 f"{item.name} is described in {item.element.file}", hint="give that file, or write a .yaml"
             )
         values = _dynamics(joint) | _spring(item, springs.get(item.name), tree.conventions.degrees)
-        if limit is not None:  # of what all actuators of the joint deliver
+        if limit is not None:  # of what all actuators of the joint deliver: a higher one may be theirs as well
             values |= {"actuatorfrclimited": "true", "actuatorfrcrange": f"{xml_number(-limit)} {xml_number(limit)}"}
         if abs(zero) > SAME:
             turning = tree.conventions.degrees and joint.revolute

@@ -12,6 +12,7 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
 from elid_cli.diagnosis.by_motion.poses import effects_of
+from elid_cli.diagnosis.by_motion.raised_limits import raised_limits
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import ALIKE, Searched
 from elid_cli.diagnosis.by_motion.steps import Named
@@ -89,11 +90,17 @@ def diagnose_motion(
     recording = signals.recording
     assert recording is not None  # `by_motion` looked at it
     _check_only(only)
-    found = found or least_squares(robot, signals)
-    runs = commanded_runs(recording, robot)
+    described, runs = robot, commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
+    higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
+    if higher is not None:
+        robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None
+    found = found or least_squares(robot, signals)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
+    of_limits = () if higher is None else higher.effects
+    if higher is not None:
+        whole = replace(whole, done=replace(whole.done, before=higher.before))
     done, change = whole.done, whole.change
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
@@ -113,14 +120,15 @@ def diagnose_motion(
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
     ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in rivals}
     ruled_out |= set(robot.joint_names) if change is not None else set()
+    ruled_out |= {effect.joint or "" for effect in of_limits}
     ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(whole.scaled).tolist())}
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
     views = views_of(done.after)
     return MotionDiagnosis(
-        robot, recording,
+        described, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        (*of_change, *of_gains, *_effects(robot, after, done, len(effects))),
+        (*of_limits, *of_change, *of_gains, *_effects(robot, after, done, len(effects))),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *whole.rivals,
          *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),
@@ -132,6 +140,10 @@ def diagnose_motion(
             robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains else [])]
         ),
     )  # fmt: skip
+
+
+def _may_raise(only: Sequence[str]) -> bool:
+    return not only or effect_that(of_drive="limit").name in only
 
 
 def _bodies_for(gains: Sequence[FoundEffect], before: TrajectoryFit) -> tuple[Rival, ...]:

@@ -123,7 +123,10 @@ def parse_xml(text: str, file: str) -> Element:
 
     def end(_: str) -> None:
         place = parser.CurrentByteIndex  # of the end tag; behind an element that has none
-        open_elements.pop().stop = data.index(b">", place) + 1 if data.startswith(b"</", place) else place
+        element = open_elements.pop()
+        # the tag that follows an element without end tag may be the end of the one around it
+        closed = data[place - 2 : place] == b"/>" and not element.children and not element.text
+        element.stop = place if closed else data.index(b">", place) + 1
 
     def characters(piece: str) -> None:
         open_elements[-1].text += piece

@@ -62,6 +62,33 @@ def test_a_limit_is_named_written_and_asked_for_alone(tmp_path: Path, capsys: py
     assert found["sufficient"]
 
 
+def test_a_limit_of_the_file_that_the_drive_does_not_have_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = robot(tmp_path).source, tmp_path / "refined.xml"
+    text = Path(path).read_text().replace('name="two" type', 'name="two" actuatorfrcrange="-2.5 2.5" type')
+    Path(path).write_text(text)
+    recording = moved(3, 10.0)
+    log = written(tmp_path, "free.h5", recording)
+    most = np.abs(computed(recording)[:, 1]).max()
+    assert main(["diagnose", log, "--robot", path, "--write-robot", str(out), "--write-actuators",
+                 str(tmp_path / "drives.json"), "--json"]) == 0  # fmt: skip
+    found = json.loads(capsys.readouterr().out)
+    (effect,) = found["effects"]
+    assert (effect["effect"], effect["joint"]) == ("saturation", "two")
+    assert effect["parameters"]["limit"] == pytest.approx(most, rel=0.05)
+    assert "more than the 2.5 of the robot file" in effect["summary"]
+    assert found["unexplained"] == []
+    known = found["settings"]["trajectory"]["joint_parameters"]["two"]
+    for kind, truth in (("Ja", ARMATURE[1]), ("fs", COULOMB[1]), ("fv", VISCOUS[1])):
+        assert abs(known[kind]["estimate"] - truth) < 4 * known[kind]["std_error"]
+    assert read_robot(str(out)).joint("two").limits.torque == pytest.approx(effect["parameters"]["limit"])
+    # a limit that is right, or far away, is no fault
+    Path(path).write_text(text.replace("-2.5 2.5", "-40 40"))
+    assert main(["diagnose", log, "--robot", path, "--only", "saturation", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["effects"] == []
+
+
 def test_an_mjcf_that_lacks_the_delay_has_the_drives_of_a_fit_without_it_within_the_limit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
