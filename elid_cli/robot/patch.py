@@ -27,7 +27,7 @@ from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 from elid_cli.robot.urdf.read import link_inertia
-from elid_cli.robot.urdf.write import in_joint_frames, unreal_bodies
+from elid_cli.robot.urdf.write import UNLIMITED, in_joint_frames, unreal_bodies
 from elid_cli.robot.urdf.xml import Element
 from elid_cli.robot.xml_edit import XmlEdit
 from elid_cli.robot.xml_text import xml_attributes, xml_number, xml_numbers
@@ -98,7 +98,7 @@ class _Change(NamedTuple):
     said: dict[str, str]
     """What of its motor only elid's own element can say."""
     limit: float | None
-    """A torque limit other than the file's, N·m (N)."""
+    """A torque limit other than the file's, N·m (N); infinite where there is none any more."""
     zero: float
     """By how much its positions are read larger than by the file, rad (m)."""
 
@@ -108,7 +108,9 @@ _Changes = dict[str, _Change]
 
 def _other_limit(old: Joint, new: Joint) -> float | None:
     before, after = old.limits.torque, new.limits.torque
-    return after if after is not None and (before is None or not _near(before, after)) else None
+    if after is None:
+        return None if before is None else math.inf
+    return after if before is None or not _near(before, after) else None
 
 
 def _said(joint: Joint) -> dict[str, str]:
@@ -137,7 +139,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
                 unreal.append(link.attributes["name"])
         _set(edit, element, "dynamics", _named(joint, (("damping", "fv"), ("friction", "fs"))))
         if limit is not None:
-            _set(edit, element, "limit", {"effort": xml_number(limit)})
+            _set(edit, element, "limit", {"effort": xml_number(min(limit, UNLIMITED))})
         if abs(zero) > SAME:
             _set(edit, element, "origin", _origin_at(element, joint, zero))
         if said:
@@ -259,7 +261,9 @@ def _patch_mjcf(
             )
         values = _dynamics(joint) | _spring(item, springs.get(item.name), tree.conventions.degrees)
         if limit is not None:  # of what all actuators of the joint deliver: a higher one may be theirs as well
-            values |= {"actuatorfrclimited": "true", "actuatorfrcrange": f"{xml_number(-limit)} {xml_number(limit)}"}
+            values["actuatorfrclimited"] = "true" if math.isfinite(limit) else "false"
+            if math.isfinite(limit):
+                values["actuatorfrcrange"] = f"{xml_number(-limit)} {xml_number(limit)}"
         if abs(zero) > SAME:
             turning = tree.conventions.degrees and joint.revolute
             more = math.degrees(zero) if turning else zero

@@ -99,7 +99,7 @@ def diagnose_motion(
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
     of_limits = () if higher is None else higher.effects
-    if higher is not None:
+    if higher is not None and higher.before is not None:
         whole = replace(whole, done=replace(whole.done, before=higher.before))
     done, change = whole.done, whole.change
     if progress is not None:

@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError, RobotError
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
@@ -21,6 +23,8 @@ from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
+DOUBTED = 1.2
+"""Times the encoders' noise up to which nothing is left."""
 CLEARLY = 0.3
 """Logarithm by which the error's size must fall, the mean over the joints that effects leave more than noise at."""
 
@@ -39,7 +43,7 @@ def with_free_bodies(
     others
         The fit with all that a search found, and fits of what it names beside that.
     """
-    left = [other.above_noise(signals) >= ABOVE for other in others]
+    left = [_doubted(other.above_noise(signals)) for other in others]
     if not all(above.any() for above in left):
         return None
     bodies = replace(identified_robot(found), effects=robot.effects)
@@ -50,3 +54,9 @@ def with_free_bodies(
     falls = [np.log(other.equations.size / fit.equations.size) for other in others]
     nearer = [fall[above].mean() > CLEARLY and fall.mean() > 0 for fall, above in zip(falls, left, strict=True)]
     return fit if all(nearer) else None
+
+
+def _doubted(ratios: Array) -> NDArray[np.bool_]:
+    """Return the joints, (n,), that more than noise is left at; where there are none, those with a little more."""
+    above = ratios >= ABOVE
+    return np.asarray(above if above.any() else ratios >= DOUBTED)

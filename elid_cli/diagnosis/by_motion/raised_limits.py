@@ -33,12 +33,12 @@ class Raised:
     """A robot without limits that its drives do not have."""
 
     robot: Robot
-    """With limits at the largest torque that the log asked for."""
+    """Without them."""
     signals: Signals
     """With torques that are not cut at those limits."""
     runs: tuple[Run, ...]
-    before: TrajectoryFit
-    """The fit within the limits of the robot file."""
+    before: TrajectoryFit | None
+    """The fit within the limits of the robot file; None where that runs away."""
     effects: tuple[FoundEffect, ...]
 
 
@@ -57,15 +57,20 @@ def raised_limits(
     peaks = _asked_beyond(robot, runs)
     if not peaks:
         return None
-    before = fit_trajectory(robot, runs, started_from(robot, signals), *declared)
+    try:
+        before = fit_trajectory(robot, runs, started_from(robot, signals), *declared)
+    except DataError:
+        before = None  # cut so low, the motion runs away
     while peaks:
-        other = with_limits(robot, peaks)
+        other = with_limits(robot, dict.fromkeys(peaks))
         free = [run.within(other.torque_limits) for run in runs]
         right = _uncut(signals, list(peaks))
         try:
             fit = fit_trajectory(other, free, started_from(other, right), *declared)
         except DataError:
             return None
+        if before is None:
+            return Raised(other, right, tuple(free), None, _effects(robot, peaks, dict.fromkeys(peaks, 1.0)))
         gains = _gains(before, fit, list(peaks))
         kept = {joint: peak for joint, peak in peaks.items() if gains[joint] >= LEAST}
         if kept == peaks:

@@ -20,7 +20,7 @@ from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import OFF, LoadScale
 from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
-from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
@@ -32,6 +32,8 @@ SHARPENED = 4
 """Fits by which a gain is sharpened."""
 SURE = 5.0
 """Standard errors by which the motion must ask for torques of another size."""
+DOUBTED = 1.2
+"""Times the encoders' noise from which what the motion leaves may be a torque of another size."""
 MOST = 0.5
 """Part of the joint's squared error that the first step to them may leave."""
 LARGEST = 0.5
@@ -100,7 +102,7 @@ class Gains:
 def asked_by_motion(fit: TrajectoryFit, signals: Signals, scales: Sequence[LoadScale]) -> list[LoadScale]:
     """Return scales, and those of further joints that the motion which a fit leaves asks for."""
     known = {scale.joint for scale in scales}
-    joints = [k for k in np.flatnonzero(fit.above_noise(signals) >= ABOVE).tolist() if k not in known]
+    joints = [k for k in np.flatnonzero(fit.above_noise(signals) >= DOUBTED).tolist() if k not in known]
     if not joints:
         return list(scales)
     beside = Beside.of(fit, moved_by_gains(fit, joints))

@@ -97,8 +97,8 @@ def limited(fit: TrajectoryFit, kinds: Sequence[type[Effect]]) -> tuple[Trajecto
     return sharpened(fit, [TorqueLimit(joint, limit, 0.0, gains[joint]) for joint, limit in sorted(found.items())])
 
 
-def with_limits(robot: Robot, limits: Mapping[int, float]) -> Robot:
-    """Return a robot whose drives deliver no more than some torques, N·m (N), by joint."""
+def with_limits(robot: Robot, limits: Mapping[int, float | None]) -> Robot:
+    """Return a robot whose drives deliver no more than some torques, N·m (N), by joint; None: no limit."""
     joints = tuple(
         replace(joint, limits=replace(joint.limits, torque=limits[k])) if k in limits else joint
         for k, joint in enumerate(robot.joints)

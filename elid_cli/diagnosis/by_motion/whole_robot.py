@@ -25,7 +25,7 @@ from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Changed, nearer_by
-from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.late_joints import late_joints
 from elid_cli.model.effects import effect_that
@@ -157,8 +157,6 @@ def _by_gains(found: Found, log: _Log, gains: Gains | None, scales: Sequence[Loa
 
 def _asked_change(found: Found, log: _Log) -> tuple[Found, Changed | None, tuple[Rival, ...]]:
     """Return the change that brings the motion clearly nearer, with what does as well; None where none does."""
-    if (found.plain.above_noise(log.signals) < ABOVE).all():
-        return found, None, ()
     asked = (
         (effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of),
         (effect_that(nuisance="delay"), late_joints),

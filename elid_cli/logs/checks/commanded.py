@@ -102,8 +102,9 @@ def commanded_torque(
     for j in np.flatnonzero(cut).tolist():
         share = 100 * cut[j] / len(tau)
         notes.append(
-            f"{robot.joint_names[j]}: the computed torque is above the limit of {bounds[j]:g} in {share:.2g} % of the "
-            "samples, and is cut there"
+            f"{robot.joint_names[j]}: the computed torque is above the robot file's limit of {bounds[j]:g} "
+            f"{robot.joints[j].units[1]} in {share:.2g} % of the samples, and is cut there (elid diagnose looks "
+            "whether the drive has that limit)"
         )
     return np.clip(tau, -bounds, bounds), notes
 

@@ -87,8 +87,11 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
 def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
     """Return the JSON object of a diagnosis by motion (docs/reference/json.md)."""
     before, after = found.mean_abs
+    payload = identification_payload(found.after, found.recording)
+    if found.free_bodies is not None:
+        payload["warnings"].append(_free_bodies_words(found))
     return {
-        **identification_payload(found.after, found.recording),
+        **payload,
         "judged_by": "motion",
         "declared": [],
         "before": {"error": error_payload(found.before.error), "published": {}, "mean_abs": before},

@@ -204,7 +204,7 @@ class MjcfTree:
                 low, high = self.conventions.angle(low), self.conventions.angle(high)
             position = (low, high) if low < high else None
         torques = [self._torque(actuator) for actuator in self._actuators(item.name)]
-        if "actuatorfrcrange" in element.attributes:
+        if "actuatorfrcrange" in element.attributes and element.attributes.get("actuatorfrclimited") != "false":
             torques.append(max(map(abs, element.numbers("actuatorfrcrange", (0.0, 0.0)))))
         torque = min((value for value in torques if value > 0), default=None)
         return Limits(position=position, torque=torque)
