@@ -137,7 +137,7 @@ def diagnose_motion(
         untried_of(effect_classes(), robot, only),
         other_bodies(whole.plain, columns_of(whole.plain)),
         None if done.partial or only else with_free_bodies(
-            robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains else [])]
+            robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains and robot.n > 1 else [])]
         ),
     )  # fmt: skip
 

@@ -49,6 +49,8 @@ SURE = 2.0
 """Standard errors by which an effect's amplitude must be clear of 0."""
 ALIKE = 0.9
 """Part of the best effect's gain from which another one does as well."""
+STUCK = 0.04
+"""Part of a joint's squared error from which a friction that holds is tried."""
 SHARES = (0.15, 0.25)
 """Parts of the whole work that the first fit and each round take, about; the rest is the report's."""
 SCREENED = 0.6
@@ -217,7 +219,10 @@ def _best(
         top = candidates[0].gain
         alike = [c for c in candidates if c.gain >= ALIKE * top]
         best = min(alike, key=lambda c: (c.price, -c.gain))
-        little = best.gain < max(FURTHER if further else LEAST, best.effect.least_gain) or best.helped < HOPEFUL
+        # screening knows nothing of a joint that sticks, where such a friction acts most: it is tried for less
+        tried_for = FURTHER if further else LEAST
+        least = STUCK if type(best.effect).holds() and not further else max(tried_for, best.effect.least_gain)
+        little = best.gain < least or best.helped < HOPEFUL
         if little or (best.effect.name, joint) in dropped:
             left.append(best)
             continue
