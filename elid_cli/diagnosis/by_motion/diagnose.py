@@ -101,7 +101,7 @@ def diagnose_motion(
     of_limits = () if higher is None else higher.effects
     if higher is not None and higher.before is not None:
         whole = replace(whole, done=replace(whole.done, before=higher.before))
-    done, change = whole.done, whole.change
+    done = whole.done
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
@@ -111,7 +111,7 @@ def diagnose_motion(
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
     told = replace(signals, tau=np.clip(signals.tau / whole.ratio, -bound, bound))
     refined = identification_of(replace(found, robot=with_limits(whole.robot, cut)), after, told)
-    of_change = () if change is None else effects_of(change, done.before)
+    of_changes = tuple(effect for change in whole.changes for effect in effects_of(change, done.before))
     of_gains = found_gains(robot, done.before, done.after, whole.taken, whole.scaled)
     refined = replace(refined, effects=(*refined.effects, *(
         FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_gains
@@ -119,7 +119,7 @@ def diagnose_motion(
     rivals = gain_rivals(whole.plain, done.after, whole.gains, done.named)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
     ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in rivals}
-    ruled_out |= set(robot.joint_names) if change is not None else set()
+    ruled_out |= set(robot.joint_names) if whole.changes else set()
     ruled_out |= {effect.joint or "" for effect in of_limits}
     ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(whole.scaled).tolist())}
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
@@ -128,7 +128,7 @@ def diagnose_motion(
     return MotionDiagnosis(
         described, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        (*of_limits, *of_change, *of_gains, *_effects(robot, after, done, len(effects))),
+        (*of_limits, *of_changes, *of_gains, *_effects(robot, after, done, len(effects))),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *whole.rivals,
          *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),

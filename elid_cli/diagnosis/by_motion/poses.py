@@ -104,9 +104,7 @@ def zeros_of(before: TrajectoryFit) -> Changed | None:
     The zeros of all joints are looked at together, and those that are clear of 0 found without the others.
     """
     robot = before.unknowns.robot
-    every = Zeros(tuple(k for k, joint in enumerate(robot.joints) if joint.revolute))
-    if not every.joints:
-        return None
+    every = Zeros(tuple(range(robot.n)))
     alone = Beside.of(before, every.moved(before, robot, np.zeros(every.count)))
     asked = np.abs(alone.steps) > SURE * alone.deviations
     return changed_joints(before, [joint for joint, may in zip(every.joints, asked, strict=True) if may], Zeros)
@@ -119,7 +117,8 @@ def effects_of(change: Changed, before: TrajectoryFit) -> tuple[FoundEffect, ...
     """
     kind, (bare, left), robot = change.by.kind, change.squares(before), change.level
     names = [parameter.name for parameter in kind.amplitudes]
-    values, errors = change.by.named(change.fit, change.values).tolist(), change.deviations.tolist()
+    named, spreads = change.by.named(change.fit, change.values), change.by.spread(change.fit, change.deviations)
+    values, errors = named.tolist(), spreads.tolist()
     if change.by.joints:
         (name,) = names
         return tuple(

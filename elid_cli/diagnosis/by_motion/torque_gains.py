@@ -18,7 +18,7 @@ from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.errors import DataError
-from elid_cli.estimation.known_load import OFF, LoadScale
+from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
@@ -34,6 +34,8 @@ SURE = 5.0
 """Standard errors by which the motion must ask for torques of another size."""
 DOUBTED = 1.2
 """Times the encoders' noise from which what the motion leaves may be a torque of another size."""
+LEAST = 0.015
+"""Relative difference from which a gain is looked for where the motion asks for it."""
 MOST = 0.5
 """Part of the joint's squared error that the first step to them may leave."""
 LARGEST = 0.5
@@ -109,7 +111,7 @@ def asked_by_motion(fit: TrajectoryFit, signals: Signals, scales: Sequence[LoadS
     return [*scales, *(
         LoadScale(joint, 1.0 + float(np.clip(step, -LARGEST, LARGEST)), deviation, 0.0)
         for joint, step, deviation in zip(joints, beside.steps.tolist(), beside.deviations.tolist(), strict=True)
-        if abs(step) > max(OFF, SURE * deviation) and beside.left[joint] < MOST
+        if abs(step) > max(LEAST, SURE * deviation) and beside.left[joint] < MOST
     )]  # fmt: skip
 
 

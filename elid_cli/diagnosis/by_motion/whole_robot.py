@@ -34,6 +34,9 @@ from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
+CHANGES = 3
+"""Most changes that are taken one after the other."""
+
 
 @dataclass(frozen=True)
 class Found:
@@ -49,8 +52,8 @@ class Found:
     """What the computed torque of every joint is over the one that acts, (n,)."""
     scaled: NDArray[np.bool_]
     """Joints where that is named, (n,)."""
-    change: Changed | None
-    """Angles of the base, zeros of encoders, or delays of some drives."""
+    changes: tuple[Changed, ...]
+    """Angles of the base, zeros of encoders, delays of some drives: each as found with those before it."""
     gains: Gains | None
     """The fit by drives of another torque at the other joints that are doubted."""
     taken: Gains | None
@@ -78,7 +81,7 @@ def searched(
     """
     done = search(robot, runs, started_from(robot, signals), *declared, only, progress)
     first = done.before
-    plain = Found(done, first, robot, np.ones(robot.n), np.zeros(robot.n, dtype=bool), None, None, None)
+    plain = Found(done, first, robot, np.ones(robot.n), np.zeros(robot.n, dtype=bool), (), None, None)
     if done.partial:
         return plain
     found = plain
@@ -117,18 +120,29 @@ class _Log:
 
 
 def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
-    """Return what a search finds by gains of the drives and by a change, what comes nearer first."""
+    """Return what a search finds by gains of the drives and by changes, what comes nearer first."""
     found, gains, scales = _asked_gains(plain, log, off)
     found, change, rivals = _asked_change(found, log)
     if change is None or (gains is not None and not _nearer(change.fit, gains.fit)):
         found, log = _by_gains(found, log, gains, scales)
-        found, change, rivals = _asked_change(found, log) if found.scaled.any() else (found, change, rivals)
-        return _by_change(found, log, change, rivals)[0]
-    other, log = _by_change(found, log, change, rivals)
-    if other.change is None:
-        return _by_gains(other, log, gains, scales)[0]
-    found, gains, scales = _asked_gains(other, log, ())
+        if found.scaled.any():
+            found, change, rivals = _asked_change(found, log)
+        return _by_changes(found, log, change, rivals)[0]
+    found, log = _by_changes(found, log, change, rivals)
+    if found.changes:
+        found, gains, scales = _asked_gains(found, log, ())
     return _by_gains(found, log, gains, scales)[0]
+
+
+def _by_changes(found: Found, log: _Log, change: Changed | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
+    """Return what a search finds with one change after the other, as long as each comes clearly nearer; the log."""
+    for _ in range(CHANGES):
+        before = len(found.changes)
+        found, log = _by_change(found, log, change, rivals)
+        if len(found.changes) == before:
+            break
+        found, change, rivals = _asked_change(found, log)
+    return found, log
 
 
 def _asked_gains(found: Found, log: _Log, off: Sequence[LoadScale]) -> tuple[Found, Gains | None, list[LoadScale]]:
@@ -161,9 +175,16 @@ def _asked_change(found: Found, log: _Log) -> tuple[Found, Changed | None, tuple
         (effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of),
         (effect_that(nuisance="delay"), late_joints),
     )  # fmt: skip
-    tried = [change_of(found.plain) for kind, change_of in asked if log.may(kind)]
-    found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
-    return (found, *_simplest([one for one in tried if one is not None], found.plain))
+    known = {change.by.kind for change in found.changes}
+    kinds = [(kind, change_of) for kind, change_of in asked if log.may(kind) and kind not in known]
+    # what effects that were found hide is asked for beside them
+    for near in (found.plain, *([found.done.after] if found.done.named else [])):
+        tried = [change_of(near) for _, change_of in kinds]
+        found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
+        best, rivals = _simplest([one for one in tried if one is not None], near)
+        if best is not None:
+            return found, best, rivals
+    return found, None, ()
 
 
 def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
@@ -175,8 +196,9 @@ def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence
     if not _nearer(done.after, found.done.after):
         return found, log
     done = replace(done, tried=done.tried + found.done.tried)
-    return replace(found, done=done, plain=done.before, robot=change.robot, change=change, gains=None,
-                   rivals=(*found.rivals, *rivals)), other  # fmt: skip
+    changes, rivals = (*found.changes, change), (*found.rivals, *rivals)
+    return replace(found, done=done, plain=done.before, robot=change.robot, changes=changes, gains=None,
+                   rivals=rivals), other  # fmt: skip
 
 
 def _simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed | None, tuple[Rival, ...]]:
@@ -200,9 +222,8 @@ def _nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
 
 def _aware(found: Found) -> TrajectoryFit:
     """Return the fit with errors that know those of gains and of a change."""
-    fit, change, moved = found.done.after, found.change, []
-    if change is not None:
-        moved.append(change.by.moved(fit, change.level, change.values))
+    fit = found.done.after
+    moved = [change.by.moved(fit, change.level, change.values) for change in found.changes]
     if found.scaled.any():
         moved.append(moved_by_gains(fit, np.flatnonzero(found.scaled).tolist()))
     if not moved:

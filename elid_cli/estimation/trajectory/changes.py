@@ -65,6 +65,10 @@ class Change(ABC):
         """Return the values as the effect's parameters, (count,)."""
         return values
 
+    def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
+        """Return the standard errors of these parameters, (count,)."""
+        return deviations
+
     @abstractmethod
     def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
         """Return how the positions of a fit's stretches change with the values, rad (m) per 1, (N, n, count) each.

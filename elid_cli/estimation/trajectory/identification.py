@@ -34,6 +34,7 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.trajectory.words import bodies_words, difference_words, late_words, loop_words, softness_words
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.parameter import StandardParameter
@@ -101,7 +102,7 @@ def fit_of(
     effects, amplitudes = declared_along(robot, runs[0])
     start = started_from(robot, signals) if start is None else start
     fit, columns = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=delays)
-    if delays and (fit.above_noise(signals) >= ABOVE).any():
+    if delays:
         apart = late_joints(fit)
         if apart is not None and apart.is_nearer(fit):
             fit, columns = apart.aware(), columns_of(apart.fit)
@@ -131,6 +132,9 @@ def commanded_runs(recording: Recording, robot: Robot) -> list[Run]:
         The log has none that is long enough.
     """
     every = runs_of(recording, robot, None, np.zeros(robot.n), commanded=True)
+    declared_late = declared_shifts(robot).torque
+    if np.ptp(declared_late) > 0:  # what all have in common is each recording's own
+        every = [run.later(declared_late - np.median(declared_late)) for run in every]
     # the first moments of a stretch do not count (`Tracked.counts`): as much again must be left
     runs = [run for run in every if run.t[-1] - run.t[0] > 2 * SETTLING]
     if not runs:

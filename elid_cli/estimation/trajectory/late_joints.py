@@ -31,12 +31,18 @@ class LateJoints(Change):
     most = LATEST
 
     def run(self, plain: Run, values: Array) -> Run:
-        """Return the stretch with these drives later."""
-        return plain.later(self._of_all(plain, values))
+        """Return the stretch with these drives later than they are."""
+        return plain.later(plain.extra + self._of_all(plain, values))
 
     def named(self, fit: TrajectoryFit, values: Array) -> Array:
         """Return the whole delays of these drives, s."""
-        found: Array = values + fit.delays.mean()
+        found: Array = fit.joint_delays.mean(axis=0)[list(self.joints)]
+        return found
+
+    def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
+        """Return their standard errors: those of what all have in common count."""
+        common = float(np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2)))
+        found: Array = np.hypot(deviations, common)
         return found
 
     def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:

@@ -138,9 +138,10 @@ def _missing(found: MotionDiagnosis) -> str:
     if found.partial and not found.effects:
         return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
-        what = "that was tried by motion" if found.untried else "that elid knows"
         others = f" Not tried by motion: {_untried_words(found)}." if found.untried else ""
-        none = f"No effect {what} brings the motion nearer.{_bodies_words(found)}{left}{others}{rigid}"
+        none = (
+            f"No effect that was tried by motion brings the motion nearer.{_bodies_words(found)}{left}{others}{rigid}"
+        )
         return f"{first}{'' if first else none}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:

@@ -93,6 +93,7 @@ class Done:
     after: SimpleNamespace
     tried: int = 0
     partial: bool = False
+    named: tuple[()] = ()
 
 
 def leaving(*errors: float) -> SimpleNamespace:
@@ -119,11 +120,11 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     for other in ("zeros_of", "late_joints"):
         monkeypatch.setattr(whole_robot, other, lambda _: None)
     none = np.zeros(joints, dtype=bool)
-    found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, None, None, None)  # type: ignore[arg-type]
+    found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, (), None, None)  # type: ignore[arg-type]
     log = whole_robot._Log(None, [], ([], []), (), None)  # type: ignore[arg-type]
     found, change, rivals = whole_robot._asked_change(found, log)
     found, _ = whole_robot._by_change(found, log, change, rivals)
-    assert found.change is None
+    assert not found.changes
     assert bool(asks) == asked
     assert found.done.tried == 3
 
@@ -138,6 +139,28 @@ class Turned(Changed):
     def gain(self, before: object) -> float:
         """Return some."""
         return 0.5
+
+
+def test_a_tilt_and_a_late_drive_are_both_found(tmp_path: Path) -> None:
+    arm, late = robot(tmp_path), np.array([0.001, 0.001, 0.005])
+    recording = moved(7, 10.0, delay=late, tilt=0.05)
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm))
+    named = {(e.effect, e.joint): e for e in found.effects}
+    assert named.keys() == {("gravity_direction", None), ("torque_delay", "three")}
+    assert named["gravity_direction", None].parameters["pitch"] == pytest.approx(0.05, rel=0.02)
+    delay = named["torque_delay", "three"]
+    assert abs(delay.parameters["delay"] - 0.005) < 4 * delay.std_error["delay"]
+    assert not found.unexplained
+    assert replay(found.refined, recording).mean_abs < 3e-4
+
+
+def test_coarse_encoders_show_a_late_drive_as_well(tmp_path: Path) -> None:
+    arm, late = robot(tmp_path), np.array([0.002, 0.002, 0.006])
+    recording = moved(7, 12.0, delay=late, noise=1e-3)
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "late.h5", recording)], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("torque_delay", "three")]
+    (effect,) = found.effects
+    assert abs(effect.parameters["delay"] - 0.006) < 4 * effect.std_error["delay"]
 
 
 def test_a_drive_that_acts_later_than_the_others_is_named_with_its_delay(tmp_path: Path) -> None:
