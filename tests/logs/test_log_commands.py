@@ -96,7 +96,7 @@ def test_the_torque_is_cut_at_the_joints_limit(tmp_path: Path) -> None:
     limited = tuple(replace(joint, limits=Limits(torque=15.0)) for joint in CONTROLLED.joints)
     log = read(without_torque(tmp_path, "log.h5"), robot=replace(CONTROLLED, joints=limited))
     np.testing.assert_allclose(log.tau, np.clip(told()[1], -15, 15), rtol=1e-12, atol=1e-12)
-    assert any("the computed torque is above the limit of 15" in note for note in log.notes)
+    assert any("the computed torque is above the robot file's limit of 15 N·m" in note for note in log.notes)
 
 
 def test_commands_of_another_rate_are_held_and_not_interpolated(tmp_path: Path) -> None:

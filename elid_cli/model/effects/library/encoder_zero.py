@@ -23,7 +23,7 @@ class EncoderZero(Effect):
     """
 
     name = "encoder_zero"
-    summary = "positions read too large by an offset: another zero than the robot file has"
+    summary = "positions read too large by an offset: a zero that is off"
     equation = "all link equations: -offset times the derivative of the bodies' torques with respect to the position"
     physics = (
         "A joint that was homed in a pose a little off, an encoder mounted after service, a link that is not straight:"
