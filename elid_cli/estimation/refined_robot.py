@@ -49,13 +49,21 @@ def identified_robot(found: Identification) -> Robot:
     """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
     near = found.standard if found.estimator == "trajectory" else found.robot.reference()
     standard = representative(found.base, possible_values(found), near)
-    new = [
-        *(EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects),
-        *(EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances),
-    ]
+    more: dict[tuple[str, str | None], EffectSpec]
+    more = {(n.effect, n.joint): EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances}
+    own = (EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects)
+    new = [*(_together(spec, more.pop((spec.effect, spec.joint), None)) for spec in own), *more.values()]
     replaced = {(spec.effect, spec.joint) for spec in new}
     kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
     return refined_robot(found.robot, standard, (*kept, *new), _unknown(found))
+
+
+def _together(declared: EffectSpec, beyond: EffectSpec | None) -> EffectSpec:
+    """Return a declared effect of the measurement with what a log shows beyond it: a delay is the sum of both."""
+    if beyond is None:
+        return declared
+    total = {name: value + beyond.parameters.get(name, 0.0) for name, value in declared.parameters.items()}
+    return replace(declared, parameters=total)
 
 
 def with_stiffnesses(robot: Robot, found: Identification) -> Robot:

@@ -18,6 +18,8 @@ class Drives:
     kd: Array
     limit: Array
     """Torque limits, N·m (N), (n,); infinite where there is none."""
+    ki: Array | None = None
+    """Integral gains, N·m/(rad·s), (S, n): ``- ki ∫ x dt`` from the start on is told as well; None: 0."""
 
 
 @dataclass(frozen=True)

@@ -38,9 +38,9 @@ def compiled_steps() -> Callable[..., None] | None:
 
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls
-    mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, x0: Array, v0: Array,
-    inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array, width: Array,
-    lead: Array, push: Array, grip: Array, dt: float, xs: Array, vs: Array,
+    mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, ki: Array, x0: Array,
+    v0: Array, inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array,
+    width: Array, lead: Array, push: Array, grip: Array, dt: float, xs: Array, vs: Array,
 ) -> None:  # fmt: skip
     """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout.Local`."""
     # scalars only: expressions of arrays take Numba seconds to compile, and memory at every step
@@ -53,13 +53,13 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     pulled, pull, where, move, off, pushed, bound, gained = (
         np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
         np.empty(size))  # fmt: skip
-    soft, wide, ahead, slowed = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    soft, wide, ahead, slowed, summed = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     for a in range(variants):
         for s in range(stretches):
             for c in range(chains):
                 for i in range(size):
                     x[i], v[i], held[i], gained[i] = x0[s, c, i], v0[s, c, i], 0.0, 0.0
-                    wide[i], ahead[i], slowed[i] = width[a, s, c, i], lead[a, s, c, i] / h, 0.0
+                    wide[i], ahead[i], slowed[i], summed[i] = width[a, s, c, i], lead[a, s, c, i] / h, 0.0, 0.0
                     xs[0, a, s, c, i], vs[0, a, s, c, i] = x[i], v[i]
                 for k in range(instants - 1):
                     for i in range(size):
@@ -97,6 +97,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             off[i] = middle[i] - (where[i] + w * move[i])
                         for i in range(size):
                             drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i] - kd[s, c, i] * v[i]
+                            drive -= ki[s, c, i] * (summed[i] + 0.5 * h * x[i])
                             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
                             given = (0.5 * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
                             drive = min(max(drive - given, -limit[a, s, c, i]), limit[a, s, c, i]) + given
@@ -145,6 +146,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             if settled:  # the usual case of joints that move: friction is as it was
                                 break
                         for i in range(size):
+                            summed[i] += h * x[i] + 0.25 * h * h * (v[i] + faster[i])
                             x[i] += 0.5 * h * (v[i] + faster[i])
                             gained[i] = faster[i] - v[i]
                             v[i] = faster[i]

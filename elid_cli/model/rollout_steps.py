@@ -20,7 +20,8 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
     flat = [np.broadcast_to(values, shape) for values in (
         joints.inertia, joints.coulomb, joints.viscous, joints.offset, drives.limit, *_fading(joints))]  # fmt: skip
     flat += [np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints)]
-    arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, *start)
+    ki = np.zeros_like(drives.kp) if drives.ki is None else drives.ki
+    arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, ki, *start)
     # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
     compiled(*(np.require(values, requirements=("C", "W")) for values in (*arrays, *flat)), dt, x, v)
     return x, v
@@ -52,7 +53,8 @@ def advance_arrays(
     x, v = (np.broadcast_to(value, shape).copy() for value in start)
     positions, velocities = np.empty((2, instants, *shape))
     positions[0], velocities[0] = x, v
-    held, gained = np.zeros((2, *shape))
+    held, gained, summed = np.zeros((3, *shape))
+    ki = 0.0 if drives.ki is None else drives.ki
     push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
     friction, width, ahead = (np.broadcast_to(values, shape) for values in _fading(joints))
@@ -73,7 +75,7 @@ def advance_arrays(
         pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
         for j in range(steps):
             middle = x + 0.5 * h * v
-            drive = drives.told[k * steps + j] - drives.kp * middle - drives.kd * v
+            drive = drives.told[k * steps + j] - drives.kp * middle - drives.kd * v - ki * (summed + 0.5 * h * x)
             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
             given = (0.5 * drives.kd + 0.25 * h * drives.kp) * gained
             drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
@@ -99,7 +101,8 @@ def advance_arrays(
                     now = np.clip(free / give[here], low, high)
                     faster -= columns[i] * (now - held[here])[..., None]
                     held[here] = now
-            x = x + 0.5 * h * (v + faster)
+            x, before = x + 0.5 * h * (v + faster), x
+            summed += 0.5 * h * (before + x)
             gained, v = faster - v, faster
         positions[k + 1], velocities[k + 1] = x, v
     return positions, velocities

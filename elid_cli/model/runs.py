@@ -46,6 +46,9 @@ class Run:
     """Measured positions of the coordinates, rad (m), (N, m); NaN where missing."""
     extra: Array | float = 0.0
     """How much later than the others each drive acts, s, (n,)."""
+    aim: Array | None = None
+    """Integral of the commanded positions at every sample, less that of the measured ones before the stretch, rad·s
+    (m·s), (N, n): what drives with an integral term are told."""
 
     def later(self, extra: Array) -> Run:
         """Return the run with drives that act later than the others by `extra`, s, (n,), once it is `delayed`."""
@@ -57,12 +60,24 @@ class Run:
             return self
         steps = finer * len(self.drives.told) // (len(self.t) - 1)
         acting = _held(self.told, steps, (late + self.extra) / self.dt, commanded=commanded)
+        if self.drives.ki is not None and self.aim is not None:
+            acting += self.drives.ki * _held(self.aim, steps, (late + self.extra) / self.dt, commanded=False)
         return replace(self, drives=replace(self.drives, told=acting))
+
+    def integrating(self, rate: Array, late: Array | float = 0.0) -> Run:
+        """Return the run with drives whose integral gain is `rate` (n,), 1/s, times kp; they act later by `late`."""
+        of_drives = replace(self, drives=replace(self.drives, ki=rate * self.drives.kp))
+        return of_drives.delayed(np.zeros(len(rate)) + late)
+
+    def pushed(self, torque: Array) -> Run:
+        """Return the run whose drives are told a further torque, N·m (N), (n,), once it is `delayed`."""
+        return replace(self, told=None if self.told is None else self.told + torque)
 
     def delivering(self, ratio: Array) -> Run:
         """Return the run with drives that deliver the computed torque over a ratio (n,)."""
         drives = self.drives
-        less = replace(drives, told=drives.told / ratio, kp=drives.kp / ratio, kd=drives.kd / ratio)
+        ki = None if drives.ki is None else drives.ki / ratio
+        less = replace(drives, told=drives.told / ratio, kp=drives.kp / ratio, kd=drives.kd / ratio, ki=ki)
         return replace(self, drives=less, told=None if self.told is None else self.told / ratio)
 
     def within(self, limit: Array) -> Run:
@@ -74,8 +89,9 @@ class Run:
         """Return runs of one length side by side."""
         first = runs[0].drives
         told = np.stack([run.drives.told for run in runs], axis=1)
-        drives = Drives(told, np.stack([run.drives.kp for run in runs]),
-                        np.stack([run.drives.kd for run in runs]), first.limit)  # fmt: skip
+        kp, kd = np.stack([run.drives.kp for run in runs]), np.stack([run.drives.kd for run in runs])
+        ki = None if first.ki is None else np.stack([run.drives.ki for run in runs if run.drives.ki is not None])
+        drives = Drives(told, kp, kd, first.limit, ki)
         start = (np.stack([run.start[0] for run in runs]), np.stack([run.start[1] for run in runs]))
         near = np.stack([run.near for run in runs], axis=1)
         measured = np.stack([run.measured for run in runs], axis=1)
@@ -105,6 +121,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     motor = _either(recording.theta, recording.q)
     _need(link, robot, "position")
     told, kp, kd = _told(recording, robot, commanded=commanded)
+    aims, before = _aims(recording, link) if commanded else (None, None)
     limit = robot.torque_limits
     elastic = np.array([joint.elastic for joint in robot.joints])
     speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
@@ -131,7 +148,8 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             )
             acting = _held(told[part], steps, delays / recording.dt, commanded=commanded)
             drives = Drives(acting, kp[a], kd[a], limit)
-            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen))
+            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen,
+                            aim=None if aims is None or before is None else aims[part] - before[a]))  # fmt: skip
     return runs
 
 
@@ -154,6 +172,24 @@ def _told(recording: Recording, robot: Robot, *, commanded: bool) -> tuple[Array
     wanted = parts["q_des"]
     told = known["kp"] * (np.nan if wanted is None else wanted) + known["kd"] * known["dq_des"] + known["tau_ff"]
     return told, known["kp"], known["kd"]
+
+
+def _aims(recording: Recording, measured: Array) -> tuple[Array, Array]:
+    """Return the integrals of commanded and of measured positions from each file's start on, rad·s (m·s), (N, n) each.
+
+    Between stretches nothing is added.
+    """
+    found = np.zeros((2, *measured.shape))
+    source, last = -1, np.zeros((2, 1, measured.shape[1]))
+    for segment in recording.segments:
+        part = slice(segment.start, segment.stop)
+        last = np.where(segment.source == source, last, 0.0)
+        q = np.nan_to_num(measured[part])
+        held = np.nan_to_num(recording.commands["q_des"][part][:-1]), 0.5 * (q[1:] + q[:-1])
+        found[:, part] = last
+        found[:, segment.start + 1 : segment.stop] += recording.dt * np.cumsum(held, axis=1)
+        source, last = segment.source, found[:, segment.stop - 1 : segment.stop]
+    return found[0], found[1]
 
 
 def _need(values: Array | None, robot: Robot, what: str) -> None:

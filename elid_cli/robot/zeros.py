@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from elid_cli._types import Array
 from elid_cli.robot.frames import rotation_rpy, rotation_z, rpy_of, z_to
 from elid_cli.robot.robot import Convention, Joint, Robot
@@ -20,9 +22,10 @@ def with_zeros(robot: Robot, offsets: Array) -> Robot:
 
 
 def zero_between(before: Robot, after: Robot, joint: int) -> float:
-    """Return by how much a joint's positions are read too large in one description and not in another, rad (m)."""
-    import numpy as np
+    """Return by how much a joint's positions are read too large in one description and not in another, rad (m).
 
+    For descriptions as URDF and MJCF have them, whose joints move about z of their own frame.
+    """
     (one, _), (other, _) = (robot.placements()[joint] for robot in (before, after))
     change = np.linalg.solve(one, other)
     if before.joints[joint].revolute:

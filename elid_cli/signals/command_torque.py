@@ -38,6 +38,26 @@ def command_torque(recording: Recording) -> tuple[Array, Array | None]:
     return np.where(computed & free, recording.tau + finer, recording.tau), np.where(computed, part, recording.tau)
 
 
+def error_integrals(recording: Recording) -> Array | None:
+    """Return the integrals of kp (q_des - q) and of kp q_des, (2, N, n), N·m·s (N·s); None of logged torques.
+
+    They are from each file's start on; between stretches nothing is added.
+    """
+    if not recording.commanded.any():
+        return None
+    found, last, source = np.zeros((2, *recording.tau.shape)), np.zeros((2, 1, recording.n)), -1
+    for segment in recording.segments:
+        part = slice(segment.start, segment.stop)
+        last = np.where(segment.source == source, last, 0.0)
+        q, kp = np.nan_to_num(recording.theta[part]), np.nan_to_num(recording.commands["kp"][part][:-1])
+        asked = np.nan_to_num(recording.commands["q_des"][part][:-1])
+        error = asked - 0.5 * (q[1:] + q[:-1])
+        found[:, part] = last
+        found[:, segment.start + 1 : segment.stop] += recording.dt * np.cumsum([kp * error, kp * asked], axis=1)
+        source, last = segment.source, found[:, segment.stop - 1 : segment.stop]
+    return found
+
+
 def loop_gains(recording: Recording | None) -> tuple[Array, Array]:
     """Return the gains of position loops whose speeds are differences of the logged positions, (n,) each; else 0.
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError, LogError
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.command_torque import command_torque
+from elid_cli.signals.command_torque import command_torque, error_integrals
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.knots import channels_of, filtered, splined
 from elid_cli.signals.lowpass import LowPass, low_pass
@@ -84,6 +84,8 @@ class Signals(Brief):
     """Why the torque sensors of other joints are not used, a sentence each."""
     command_torque: Array | None = None
     """The part of the torques that a delay of the channel moves (`command_torque`), (N, n); None: all of them."""
+    error_integrals: Array | None = None
+    """Integrals of kp (q_des - q) and of kp q_des (`error_integrals`), N·m·s (N·s), (2, N, n); None: of no commands."""
     recording: Recording | None = None
     """What the signals were made from: estimators that model the raw samples start there."""
     cutoff_free: bool = False
@@ -133,11 +135,13 @@ class Signals(Brief):
         def joined(values: Array | None) -> Array | None:
             return None if values is None else np.concatenate([values[part] for part in parts])
 
-        motion = joined_motion([self.motion[part] for part in parts])
+        motion, integrals = joined_motion([self.motion[part] for part in parts]), self.error_integrals
+        if integrals is not None:
+            integrals = np.concatenate([integrals[:, part] for part in parts], axis=1)
         tau = np.concatenate([self.tau[part] for part in parts])
         return replace(
             self, motion=motion, tau=tau, tau_link=joined(self.tau_link), temperature=joined(self.temperature),
-            command_torque=joined(self.command_torque), segments=segments,
+            command_torque=joined(self.command_torque), error_integrals=integrals, segments=segments,
         )  # fmt: skip
 
     def decimate(self, rows: Array) -> Array:
@@ -266,6 +270,7 @@ def prepare(
         link_torque=behind,
         doubts=doubts,
         command_torque=commanded,
+        error_integrals=error_integrals(recording),
         recording=recording,
         cutoff_free=options.cutoff is None,
     )

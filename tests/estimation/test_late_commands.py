@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.logs.checks.commanded import commanded_torque
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
+from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
 from tests.one_pendulum import ROBOT
@@ -60,6 +62,14 @@ def test_late_commands_give_nothing_to_friction_and_inertia(late: int) -> None:
     assert 9.81 * (0.3 * values["m1"] + values["cx1"]) == pytest.approx(WEIGHT, rel=2e-3)
     delays = [n.parameters["delay"] for n in found.nuisances if n.effect == "torque_delay"]
     assert sum(delays) == pytest.approx(1e-4 * late, abs=1.5e-5)
+
+
+def test_a_robot_that_declares_a_delay_is_written_with_the_whole_delay() -> None:
+    late = EffectSpec("torque_delay", "j", {"delay": 2.5e-3})
+    robot = replace(ROBOT, effects=(late,))
+    written = identified_robot(identify(robot, prepare(swing(40), robot)))
+    (delay,) = [spec.parameters["delay"] for spec in written.effects if spec.effect == "torque_delay"]
+    assert delay == pytest.approx(4e-3, abs=3e-5)
 
 
 def test_the_loop_of_an_elastic_joint_is_closed_by_its_motor(tmp_path: Path) -> None:

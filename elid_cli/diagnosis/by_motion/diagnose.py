@@ -39,6 +39,7 @@ from elid_cli.estimation.trajectory.identification import (
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.of_drives import as_acting, with_drives
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
@@ -91,6 +92,8 @@ def diagnose_motion(
     assert recording is not None  # `by_motion` looked at it
     _check_only(only)
     described, runs = robot, commanded_runs(recording, robot)
+    acting = as_acting(robot, signals)
+    signals, found = acting, found if acting is signals else None
     effects, amplitudes = declared_along(robot, runs[0])
     higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
     if higher is not None:
@@ -109,12 +112,15 @@ def diagnose_motion(
     after = as_last(done.after, changes)
     cut = {item.joint: item.limit for item in done.limits}
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
-    told = replace(signals, tau=np.clip(signals.tau / whole.ratio, -bound, bound))
+    integrating = np.sum([change.rates for change in whole.changes], axis=0) if whole.changes else np.zeros(robot.n)
+    told = with_drives(signals, integrating, whole.ratio)
+    told = replace(told, tau=np.clip(told.tau, -bound, bound))
     refined = identification_of(replace(found, robot=with_limits(whole.robot, cut)), after, told)
     of_changes = tuple(effect for change in whole.changes for effect in effects_of(change, done.before))
     of_gains = found_gains(robot, done.before, done.after, whole.taken, whole.scaled)
+    of_drives = (*of_gains, *(effect for effect in of_changes if effect_classes()[effect.effect].of_drive))
     refined = replace(refined, effects=(*refined.effects, *(
-        FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_gains
+        FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_drives
     )))  # fmt: skip
     rivals = gain_rivals(whole.plain, done.after, whole.gains, done.named)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need

@@ -90,6 +90,8 @@ def _driven(fit: TrajectoryFit, item: Tracked, q: Array, v: Array) -> Array:
     drives = as_late(item, fit.unknowns, fit.z).drives
     told = drives.told.reshape(len(q) - 1, -1, q.shape[1]).mean(axis=1)
     held = 0.5 * (np.concatenate([told[:1], told]) + np.concatenate([told, told[-1:]]))
+    if drives.ki is not None:
+        held -= drives.ki * item.run.dt * (np.cumsum(q, axis=0) - 0.5 * (q + q[0]))
     found: Array = np.clip(held - drives.kp * q - drives.kd * v, -drives.limit, drives.limit)
     return found
 

@@ -124,7 +124,7 @@ def effects_of(change: Changed, before: TrajectoryFit) -> tuple[FoundEffect, ...
         return tuple(
             FoundEffect(kind.name, robot.joint_names[k], {name: value}, {name: error}, float(1.0 - left[k] / bare[k]),
                         kind.summary)
-            for k, value, error in zip(change.by.joints, values, errors, strict=True)
+            for k, value, error in zip(change.by.joints, values, errors, strict=False)
         )  # fmt: skip
     spread = {name: s for name, s in zip(names, errors, strict=True) if np.isfinite(s)}
     felt = {name: value for name, value in zip(names, values, strict=True) if name in spread}

@@ -27,6 +27,7 @@ from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Changed, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
+from elid_cli.estimation.trajectory.integral_terms import integral_terms
 from elid_cli.estimation.trajectory.late_joints import late_joints
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
@@ -173,9 +174,9 @@ def _asked_change(found: Found, log: _Log) -> tuple[Found, Changed | None, tuple
     """Return the change that brings the motion clearly nearer, with what does as well; None where none does."""
     asked = (
         (effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of),
-        (effect_that(nuisance="delay"), late_joints),
+        (effect_that(nuisance="delay"), late_joints), (effect_that(of_drive="integral"), integral_terms),
     )  # fmt: skip
-    known = {change.by.kind for change in found.changes}
+    known = {change.by.kind for change in found.changes} | {type(effect) for effect in log.declared[0]}
     kinds = [(kind, change_of) for kind, change_of in asked if log.may(kind) and kind not in known]
     # what effects that were found hide is asked for beside them
     for near in (found.plain, *([found.done.after] if found.done.named else [])):

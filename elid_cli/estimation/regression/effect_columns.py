@@ -101,6 +101,9 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         command_torque=None
         if signals.command_torque is None
         else _joined_rows(signals.command_torque, signals.segments),
+        error_integral=None
+        if signals.error_integrals is None
+        else _joined_rows(signals.error_integrals[0], signals.segments),
         load=load,
         predicted=predicted,
         parameters=np.nan_to_num(standard),

@@ -44,7 +44,7 @@ class Change(ABC):
     kind: type[Effect]
     """The effect that they are."""
     joints: tuple[int, ...] = ()
-    """Of which joints they are, one each; () of the whole robot."""
+    """Of which joints they are, the first numbers, one each; () of the whole robot. Others are found beside them."""
     most: float
     """Largest size of a number."""
 
@@ -101,8 +101,16 @@ class Changed:
 
     @property
     def sure(self) -> NDArray[np.bool_]:
-        """Which numbers are clear of 0, (count,)."""
+        """Which numbers are clear of 0: one for each joint, or all of the whole robot's."""
         found: NDArray[np.bool_] = np.abs(self.values) > SURE * self.deviations
+        return found[: len(self.by.joints) or self.by.count]
+
+    @property
+    def rates(self) -> Array:
+        """Integral over proportional gain of every joint's drive that it finds, 1/s, (n,)."""
+        found = np.zeros(self.level.n)
+        if self.by.kind.of_drive == "integral":
+            found[list(self.by.joints)] = self.values[: len(self.by.joints)]
         return found
 
     def aware(self) -> TrajectoryFit:
@@ -185,7 +193,7 @@ def changed_joints(
         found = changed(before, of(left))
         if found is None:
             return None
-        sure = found.sure & (np.abs(found.values) > least)
+        sure = found.sure & (np.abs(found.values[: len(left)]) > least)
         kept = tuple(joint for joint, may in zip(left, sure, strict=True) if may)
         if kept == left:
             return found

@@ -34,6 +34,7 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.trajectory.words import bodies_words, difference_words, late_words, loop_words, softness_words
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.of_drives import as_acting, declared_gains, declared_integrals
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run, runs_of
@@ -87,6 +88,7 @@ def by_trajectory(
         return by_output_error(found, signals)
     if why:
         raise UsageError(f"--fit trajectory: {why}", hint="leave --fit out: the torque is fitted")
+    signals = as_acting(robot, signals)
     fit, bodies = fit_of(robot, signals, recording, delays=delays, start=start)
     return identification_of(found, fit, signals, bodies)
 
@@ -118,7 +120,7 @@ def unsuited(robot: Robot) -> str:
             return f"{joint.name} has a gear_ratio: this fit finds the reflected inertia Ja"
     for spec in robot.effects:
         kind, _ = resolve(robot, spec)
-        if not can_act(kind) and kind.nuisance not in ("offset", "delay"):
+        if not can_act(kind) and kind.nuisance not in ("offset", "delay") and kind.of_drive not in ("gain", "integral"):
             return f"it does not hold the effect {spec.effect} that the robot file declares"
     return ""
 
@@ -135,6 +137,11 @@ def commanded_runs(recording: Recording, robot: Robot) -> list[Run]:
     declared_late = declared_shifts(robot).torque
     if np.ptp(declared_late) > 0:  # what all have in common is each recording's own
         every = [run.later(declared_late - np.median(declared_late)) for run in every]
+    gains, rates = declared_gains(robot), declared_integrals(robot)
+    if rates.any():
+        every = [run.integrating(rates) for run in every]
+    if np.any(gains != 1.0):
+        every = [run.delivering(gains) for run in every]
     # the first moments of a stretch do not count (`Tracked.counts`): as much again must be left
     runs = [run for run in every if run.t[-1] - run.t[0] > 2 * SETTLING]
     if not runs:

@@ -156,7 +156,9 @@ def _stepped(
         known = stiffness * x + damping * v  # of the motion before; the rest of it acts on the one that comes out
         joints = replace(joints, push=joints.push - known[:, None, None], damping=damping)
         local = replace(local, slope=local.slope + np.diag(stiffness))
-    alone = Drives(run.drives.told[:, None], run.drives.kp[None], run.drives.kd[None], run.drives.limit)
+    drives = run.drives
+    ki = None if drives.ki is None else drives.ki[None]
+    alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, ki)
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
     x, v = x[:, :, 0], v[:, :, 0]
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)

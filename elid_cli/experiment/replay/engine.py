@@ -79,12 +79,15 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
     data.qpos[own], data.qvel[push] = turns * x[motor], turns * v[motor]
     data.qpos[at], data.qvel[dof] = x[:n], v[:n]
     drives = run.drives
-    found = np.empty((len(run.t), n))
+    found, summed = np.empty((len(run.t), n)), np.zeros(n)
     found[0] = data.qpos[at]
     for k in range(len(run.t) - 1):
         for j in range(steps * finer):
             turned, turning = data.qpos[own] / turns, data.qvel[push] / turns
             torque = drives.told[k * steps + j // finer] - drives.kp * turned - drives.kd * turning
+            if drives.ki is not None:
+                torque -= drives.ki * summed
+                summed += turned * model.opt.timestep
             data.qfrc_applied[push] = (np.clip(torque, -drives.limit, drives.limit) - offsets) / turns
             mujoco.mj_step(model, data)
         found[k + 1] = data.qpos[at]

@@ -23,6 +23,7 @@ from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.drives import Joints
 from elid_cli.model.effects.declared import resolve
+from elid_cli.model.effects.of_drives import declared_gains, declared_integrals
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised, Local
 from elid_cli.model.rollout import Added, Along, motion_of
@@ -123,8 +124,11 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     if horizon is not None and horizon < 5 * recording.dt:
         raise UsageError(f"--horizon {horizon:g}: shorter than five samples of {recording.dt:g} s")
     _no_driving_friction(robot)
-    offsets, delays, gains, left_out = _of_channels(robot)
+    offsets, left_out = _of_channels(robot)
+    delays, gains, rates = declared_shifts(robot).torque, declared_gains(robot), declared_integrals(robot)
     runs = runs_of(recording, robot, horizon, delays, commanded=by_commands)
+    if by_commands and rates.any():
+        runs = [run.integrating(rates, delays) for run in runs]
     runs = [run.delivering(gains) for run in runs] if np.any(gains != 1.0) else runs
     if not runs:
         raise LogError("the log has no stretch that is long enough to be replayed")
@@ -220,24 +224,17 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
     return added
 
 
-def _of_channels(robot: Robot) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """Return what the robot declares of its drives, and effects left out.
-
-    Offsets, N·m (N), delays, s, and what the torques that the log tells are over those that act, (n,) each.
-    """
-    offsets, gains = np.zeros(robot.n), np.ones(robot.n)
-    left = []
+def _of_channels(robot: Robot) -> tuple[Array, tuple[str, ...]]:
+    """Return the torque offsets that the robot declares, N·m (N), (n,), and effects left out."""
+    offsets, left = np.zeros(robot.n), []
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
-        elif kind.of_drive == "gain":
-            gains[joint] = 1.0 + float(spec.parameters.get(kind.amplitudes[0].name, 0.0))
-            if gains[joint] <= 0:
-                raise RobotError(
-                    f"{robot.name}: {spec.effect} of {spec.joint} leaves no torque",
-                    hint="it is the share by which the logged torque is too large, above -1",
-                )
-        elif kind.corrects is None and not kind.of_channel and not can_act(kind):
+        elif (
+            kind.of_drive not in ("gain", "integral")
+            and kind.corrects is None
+            and not (kind.of_channel or can_act(kind))
+        ):
             left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
-    return offsets, declared_shifts(robot).torque, gains, tuple(left)
+    return offsets, tuple(left)

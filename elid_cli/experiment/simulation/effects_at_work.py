@@ -157,6 +157,11 @@ def _active(robot: Robot, spec: EffectSpec, scene: Scene) -> ActiveEffect:
             detail="friction that acts ahead of the speed follows the acceleration that it makes itself",
             hint=f"{kind.shapes[1].name}: 0; elid replay simulates it",
         )
+    if kind.simulated == "loop":
+        raise RobotError(
+            f"{robot.name}: effect {spec.effect}: a simulation without commands has no position loop",
+            hint="leave it out; elid replay simulates it, under the commands of a log",
+        )
     effect = kind(joint, shape)
     coefficients = np.asarray(coefficients, dtype=float)
     return ActiveEffect(effect, coefficients, effect.named(scene, coefficients))

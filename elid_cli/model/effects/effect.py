@@ -22,9 +22,9 @@ from elid_cli.robot.robot import Robot
 
 Shapes = tuple[tuple[float, ...], ...]
 """Shapes of several terms."""
-Simulated = Literal["torque", "robot", "motor", "log"]
+Simulated = Literal["torque", "robot", "motor", "log", "loop"]
 """How an effect enters a simulation: ``torque`` through its columns (or its state), ``robot`` by `Effect.altered`,
-``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`."""
+``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`; ``loop`` by a drive's position loop, in a replay alone."""
 Place = Literal["motor", "link", "spring", "chain", "torque", "encoder", "sensor"]
 """Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
 the whole chain, the torque channel, the position channels, or the reading of the joint torque sensor."""
@@ -132,7 +132,7 @@ class Effect(ABC):
     whole_robot: ClassVar[bool] = False
     """Whether the effect belongs to no single joint."""
     least_gain: ClassVar[float] = 0.1
-    """Part of the held-out residual variance that a named effect takes away: smoothing's errors imitate any less."""
+    """Part of the held-out residual variance that a named effect takes away: smoothing imitates any less."""
     local: ClassVar[bool] = False
     """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
     from_model: ClassVar[bool] = False
@@ -142,7 +142,7 @@ class Effect(ABC):
     of_motor_speed: ClassVar[bool] = False
     """Whether the columns follow from the speed of the joint's motor alone."""
     takes_energy: ClassVar[bool] = False
-    """Whether it is a part of the friction of the joint's motor, which, all parts together, never drives it."""
+    """Whether it is a part of the motor's friction, which, all parts together, never drives the joint."""
     either_sign: ClassVar[str] = ""
     """Why physics allows amplitudes of both signs; empty: those in their bounds, of friction what does not drive."""
     memory: ClassVar[bool] = False
@@ -154,12 +154,11 @@ class Effect(ABC):
     turns_gravity: ClassVar[bool] = False
     """Whether the amplitudes are angles by which gravity is turned in the model itself, once known. One effect."""
     moves_zero: ClassVar[bool] = False
-    """Whether the amplitude is what a joint's positions are read too large by, in commands as well. One effect."""
+    """Whether its amplitude is by how much a joint's positions are read too large, in commands as well. One effect."""
     nuisance: ClassVar[Nuisance | None] = None
-    """The nuisance that the effect is where every fit estimates it along. One effect per nuisance."""
+    """The nuisance that it is where every fit estimates it along. One effect per nuisance."""
     in_deflection: ClassVar[Literal["velocity", "constant", ""]] = ""
-    """What it adds to the deflection as two encoders show it: a multiple of the link's velocity, a constant. Such
-    faults hide behind one another and imitate physics: they are tried together before, and judged in the positions."""
+    """What it adds to the deflection as two encoders show it. Such faults imitate physics: they are tried before."""
     usual_first: ClassVar[bool] = False
     """Whether the grid holds the forms in the order of their use: of equals the first is named."""
     always_fitted: ClassVar[str] = ""
@@ -170,10 +169,9 @@ class Effect(ABC):
     """What a simulator that lacks it applies by its parameters (docs/how-to/mujoco_effects.py): a torque; dry friction,
     which holds a joint at rest; that of unlike sizes forwards and backwards, as a torque; empty: nothing."""
     softens: ClassVar[bool] = False
-    """Whether its amplitude is a part of the Coulomb friction that, in place of holding the joint, fades in over the
-    first shape and acts ahead by the second, s (`elid_cli.model.drives.Fading`)."""
-    of_drive: ClassVar[Literal["", "limit", "gain"]] = ""
-    """What of a drive it is: its largest torque (the first shape), by what told torque is too large (the amplitude)."""
+    """Whether its amplitude is the Coulomb friction that fades in (`elid_cli.model.drives.Fading`) by its shape."""
+    of_drive: ClassVar[Literal["", "limit", "gain", "integral"]] = ""
+    """What of a drive it is: its largest torque (the first shape), a factor, its integral gain over kp (amplitudes)."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 

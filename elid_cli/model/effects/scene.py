@@ -57,6 +57,8 @@ class Scene:
     temperature: Array | None = None
     command_torque: Array | None = None
     """The part of the motor torques that a delay of the channel moves; None: all of them."""
+    error_integral: Array | None = None
+    """Integral of kp (q_des - q) in logs of commands, N·m·s (N·s), (N, n); None in others."""
     tau_link: Array | None = None
     """Measured torque in the transmission, where joint torque sensors exist."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)

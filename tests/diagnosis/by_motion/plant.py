@@ -40,13 +40,14 @@ def moved(
     seed: int = 0, duration: float = 16.0, delay: float | np.ndarray = 0.0,
     push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
-    tilt: float | np.ndarray = 0.0,
+    tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
     `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q, its rate, and
     what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps. Drives deliver at most
     `limit`. Gravity is turned by `tilt`, rad, about the pendulums' axes; one of each, (3,), is its encoder's zero.
+    The drives add up `integral` times the error, N·m/(rad·s), and have `held`, N·m, when the log begins.
     """
     rng = np.random.default_rng(seed)
     count, fine = round(duration / DT) + 1, round(DT / STEP)
@@ -60,13 +61,14 @@ def moved(
     states = np.empty(((count - 1) * fine + 1, 3))
     speeds = np.empty_like(states)
     states[0], speeds[0] = x, v
+    summed = np.zeros(3) + held
     late, bodies = np.broadcast_to(np.round(np.asarray(delay) / STEP), 3).astype(int), np.zeros(3)
     each, (weight, legs) = np.arange(3), (MASS * GRAVITY * REACH, INERTIA + MASS * REACH**2)
 
     def moved_by(told: np.ndarray, over: float, where: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return the velocity after a time under what acts at a state."""
         asked = KP * (q_des[told, each] - where) + KD * (dq_des[told, each] - speed)
-        torque = np.clip(asked, -limit, limit) - OFFSET - VISCOUS * speed
+        torque = np.clip(asked + summed, -limit, limit) - OFFSET - VISCOUS * speed
         torque -= weight * np.sin(where - tilt) + (push(where, speed, bodies) if push is not None else 0.0)
         pulled = torque / inertia
         braked = (COULOMB + (grip(where, speed, bodies) if grip is not None else 0.0)) / inertia
@@ -83,6 +85,7 @@ def moved(
         half = moved_by(told, 0.5 * STEP, x, v)
         after = moved_by(told, STEP, x + 0.25 * STEP * (v + half), half)
         bodies = legs * (after - v) / STEP + weight * np.sin(x - tilt)
+        summed += integral * STEP * (q_des[told, each] - x - 0.25 * STEP * (v + after))
         x, v = x + 0.5 * STEP * (v + after), after
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(count), -0.9 * DT, 0.9 * DT)

@@ -55,7 +55,10 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
     "velocity_coupling": ("joint1", {"viscous": 1.0, "coulomb": 1.0, "other": 2.0}, 1e-6),
 }
 """Effect -> joint, parameters, residual that may stay (share of what the effect leaves when it is not modelled)."""
-ELSEWHERE = {"lookup": "no physics of its own", "sensor_gain": "acts on tau_link", "sensor_offset": "acts on tau_link"}
+ELSEWHERE = {
+    "lookup": "no physics of its own", "sensor_gain": "acts on tau_link", "sensor_offset": "acts on tau_link",
+    "integral_action": "needs a position loop",
+}  # fmt: skip
 
 
 def case(name: str) -> tuple[str | None, Mapping[str, float], float]:

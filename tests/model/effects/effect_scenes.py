@@ -96,6 +96,7 @@ def scene_of(robot: Robot, samples: int = N, seed: int = 0, motion: Motion | Non
         duration=DT * motion.samples,
         stiffness=stiffness,
         tau_link=np.where(np.isfinite(stiffness), load, np.nan),
+        error_integral=DT * np.cumsum(0.1 * predicted, axis=0),
     )
 
 
@@ -109,6 +110,7 @@ def instant(scene: Scene, k: int) -> Scene:
         load=scene.load[row],
         predicted=scene.predicted[row],
         tau_link=None if scene.tau_link is None else scene.tau_link[row],
+        error_integral=None if scene.error_integral is None else scene.error_integral[row],
         starts=(0,),
         cache={},
     )

@@ -61,7 +61,7 @@ def test_metadata_is_complete(name: str) -> None:
         assert "  " not in text.replace(",  ", "").replace(";  ", "")
     assert len(kind.summary) <= 72
     assert kind.place in ("motor", "link", "spring", "chain", "torque", "encoder", "sensor")
-    assert kind.simulated in ("torque", "robot", "motor", "log")
+    assert kind.simulated in ("torque", "robot", "motor", "log", "loop")
     assert set(kind.twins) <= set(LIBRARY) - {name}
     specs = (*kind.amplitudes, *kind.shapes)
     assert kind.amplitudes

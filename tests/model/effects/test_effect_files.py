@@ -23,7 +23,9 @@ LIBRARY = effect_classes()
 def signals() -> Signals:
     robot = read_robot("planar2")
     log = simulate(robot, SimulationOptions(duration=3.0, rate=250.0, seed=2, sensors=SensorOptions(tau_link=True)))
-    return prepare(log, robot)
+    made = prepare(log, robot)
+    # as under a position loop, of which some effects tell
+    return replace(made, error_integrals=np.cumsum(np.stack([0.01 * made.tau, made.tau]), axis=1) * made.dt)
 
 
 @pytest.mark.parametrize("name", LIBRARY)

@@ -18,6 +18,7 @@ from elid_cli.signals.motion import Motion
 from tests.model.effects.effect_scenes import DT, planar, scene_of, torque_of
 
 LIBRARY = effect_classes()
+SIMULATED = [n for n, kind in LIBRARY.items() if not n.startswith("sensor") and kind.simulated != "loop"]
 LENGTH = 1.2
 CHANGES = {
     "saturation": {"limit": 130.0},
@@ -45,7 +46,7 @@ def logged_motion(result: Simulation, name: str, values: Mapping[str, float]) ->
     return Motion(log.t, log.q, rates["dq"], rates["ddq"], log.theta, rates["dtheta"], rates["ddtheta"])
 
 
-@pytest.mark.parametrize("name", [n for n in LIBRARY if not n.startswith("sensor")])
+@pytest.mark.parametrize("name", SIMULATED)
 def test_the_equations_hold_with_the_effect_and_fail_without(name: str) -> None:
     plain = planar()
     spec = EffectSpec(name, None if LIBRARY[name].whole_robot else "joint1", values_of(name, plain))
