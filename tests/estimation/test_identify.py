@@ -202,7 +202,7 @@ def test_a_turned_motor_position_is_named() -> None:
 def test_reversals_of_a_joint_with_a_declared_effect_stay_masked() -> None:
     """Also where the effect has the name of a nuisance."""
     log, options = noisy(0, 100.0, 0.01), SignalOptions(cutoff=10.0)
-    for names in ((), ("torque_offset",), ("torque_offset", "torque_delay")):
+    for names in ((), ("torque_offset",), ("torque_offset", "torque_ripple")):
         effects = tuple(EffectSpec(name, f"joint{k + 1}") for k, name in enumerate(names))
         robot = replace(PLANAR, effects=effects)
         masked = identify(robot, prepare(log, robot, options), EstimateOptions(guards=False)).settings["masked"]

@@ -16,6 +16,7 @@ from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, unsuited
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
 from elid_cli.model.effects.declared import resolve
+from elid_cli.model.effects.of_drives import as_acting
 from elid_cli.model.rollout_loops import compiled_steps
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -52,6 +53,7 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
         return found
     if seconds(found.robot, signals) > LONGEST:
         return pointed_out(found, f", which takes about {seconds(found.robot, signals):.0f} s")
+    signals = as_acting(found.robot, signals)
     try:
         fit, bodies = fit_of(found.robot, signals, recording, delays=delays)
     except (DataError, LogError, RobotError) as error:
@@ -104,7 +106,8 @@ def is_known(robot: Robot) -> bool:
     named = zip(robot.parameter_names(), robot.reference().tolist(), strict=True)
     described = all(np.isfinite(value) for name, value in named if name.kind not in drives)
     kinds = [resolve(robot, spec)[0] for spec in robot.effects]
-    return described and not unsuited(robot) and all(kind.softens or kind.nuisance == "offset" for kind in kinds)
+    shaped = (kind for kind in kinds if not (kind.softens or kind.nuisance or kind.of_drive))
+    return described and not unsuited(robot) and not any(shaped)
 
 
 def seconds(robot: Robot, signals: Signals) -> float:

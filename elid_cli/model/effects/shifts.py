@@ -83,6 +83,12 @@ def unshifted_robot(robot: Robot) -> Robot:
     return replace(robot, effects=tuple(spec for spec in robot.effects if _moved_by(spec) is None))
 
 
+def free_of_delays(robot: Robot) -> Robot:
+    """Return the robot without the delays of its drives that it declares: a fit that finds them begins at none."""
+    kept = tuple(spec for spec in robot.effects if _moved_by(spec) != "torque")
+    return robot if len(kept) == len(robot.effects) else replace(robot, effects=kept)
+
+
 def _moved_by(spec: EffectSpec) -> Channel | None:
     """Return the channel that a declared effect moves; None of one that is not known."""
     kind = effect_classes().get(spec.effect)

@@ -14,6 +14,7 @@ from elid_cli.cli import main
 from elid_cli.errors import UsageError
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.physical.nearest import make_physical
+from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory import bodies, unasked
 from elid_cli.estimation.trajectory.bodies import _torques, body_columns, other_bodies
@@ -248,11 +249,22 @@ def test_a_log_of_short_stretches(made: tuple[Robot, Recording, str], length: fl
         assert any("could not be fitted" in note for note in found.notes)
 
 
+def test_a_robot_that_declares_a_wrong_delay_is_written_with_the_right_one(made: tuple[Robot, Recording, str]) -> None:
+    robot, recording, _ = made
+    late = EffectSpec("torque_delay", "one", {"delay": 0.004})
+    found = found_of(replace(robot, effects=(late,)), recording)
+    assert found.estimator == "trajectory"
+    written = identified_robot(found).effects
+    delays = {spec.joint: spec.parameters["delay"] for spec in written if spec.effect == "torque_delay"}
+    assert all(abs(delay) < 5e-5 for delay in delays.values())  # the plant's drives act at once
+    assert found.drives["one"]["Ja"]["estimate"] == pytest.approx(plant.ARMATURE[0], rel=0.01)
+
+
 def test_what_is_asked_of_least_squares_keeps_them(made: tuple[Robot, Recording, str], tmp_path: Path) -> None:
     robot, recording, log = made
     assert found_of(robot, recording, offsets=False).estimator == "default"
-    late = EffectSpec("torque_delay", "one", {"delay": 0.002})
-    assert found_of(replace(robot, effects=(late,)), recording).estimator == "default"
+    ripple = EffectSpec("torque_ripple", "one", {"amplitude": 0.01, "phase": 0.0, "order": 6.0})
+    assert found_of(replace(robot, effects=(ripple,)), recording).estimator == "default"
     soft = EffectSpec("soft_friction", "two", {"velocity": 0.01})
     found = found_of(replace(robot, effects=(soft,)), recording)
     assert found.estimator == "default"
