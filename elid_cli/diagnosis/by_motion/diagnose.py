@@ -40,6 +40,7 @@ from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import as_acting, with_drives
+from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
@@ -91,9 +92,9 @@ def diagnose_motion(
     recording = signals.recording
     assert recording is not None  # `by_motion` looked at it
     _check_only(only)
-    described, runs = robot, commanded_runs(recording, robot)
-    acting = as_acting(robot, signals)
-    signals, found = acting, found if acting is signals else None
+    described, robot, acting = robot, posed(robot), as_acting(robot, signals)
+    runs = commanded_runs(recording, robot)
+    signals, found = acting, found if acting is signals and robot is described else None
     effects, amplitudes = declared_along(robot, runs[0])
     higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
     if higher is not None:

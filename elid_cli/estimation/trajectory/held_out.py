@@ -15,6 +15,7 @@ from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.result import Identification, Verdict, records
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.estimation.validation.verdicts import HELD, REFUSED, WEAK
+from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import Shifts, corrected
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
@@ -37,7 +38,7 @@ def held_out_errors(
     found
         What least squares say of them: the noise floors.
     """
-    robot = found.robot
+    robot = posed(found.robot)
     observation = observe(Regressor(replace(robot, effects=())), signals)
     sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.segment]
     # squared errors of sum row, of motor row, of the torque; samples of both rows

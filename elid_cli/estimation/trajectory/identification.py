@@ -35,6 +35,7 @@ from elid_cli.estimation.trajectory.words import bodies_words, difference_words,
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import as_acting, declared_gains, declared_integrals
+from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run, runs_of
@@ -100,6 +101,7 @@ def fit_of(
 
     See `by_trajectory` and `bodies.other_bodies`.
     """
+    robot = posed(robot)
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
     start = started_from(robot, signals) if start is None else start
@@ -120,7 +122,8 @@ def unsuited(robot: Robot) -> str:
             return f"{joint.name} has a gear_ratio: this fit finds the reflected inertia Ja"
     for spec in robot.effects:
         kind, _ = resolve(robot, spec)
-        if not can_act(kind) and kind.nuisance not in ("offset", "delay") and kind.of_drive not in ("gain", "integral"):
+        known = kind.nuisance in ("offset", "delay") or kind.of_drive in ("gain", "integral")
+        if not (can_act(kind) or known or kind.turns_gravity or kind.moves_zero):
             return f"it does not hold the effect {spec.effect} that the robot file declares"
     return ""
 

@@ -106,7 +106,7 @@ def is_known(robot: Robot) -> bool:
     named = zip(robot.parameter_names(), robot.reference().tolist(), strict=True)
     described = all(np.isfinite(value) for name, value in named if name.kind not in drives)
     kinds = [resolve(robot, spec)[0] for spec in robot.effects]
-    shaped = (kind for kind in kinds if not (kind.softens or kind.nuisance or kind.of_drive))
+    shaped = (k for k in kinds if not (k.softens or k.nuisance or k.of_drive or k.turns_gravity or k.moves_zero))
     return described and not unsuited(robot) and not any(shaped)
 
 

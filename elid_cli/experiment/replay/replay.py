@@ -24,6 +24,7 @@ from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, 
 from elid_cli.model.drives import Joints
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.of_drives import declared_gains, declared_integrals
+from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised, Local
 from elid_cli.model.rollout import Added, Along, motion_of
@@ -118,7 +119,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     UsageError
         A horizon shorter than a few samples, or MuJoCo is not installed.
     """
-    options = options or ReplayOptions()
+    options, robot = options or ReplayOptions(), posed(robot)
     by_commands = not np.isnan(recording.commands.get("q_des", np.full((1, robot.n), np.nan))).all(axis=0).any()
     horizon = options.horizon or (None if by_commands else TORQUE_HORIZON)
     if horizon is not None and horizon < 5 * recording.dt:

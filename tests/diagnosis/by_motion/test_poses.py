@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,10 +13,12 @@ from elid_cli.diagnosis.by_motion import whole_robot
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.diagnosis.by_motion.poses import BaseAngles
 from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.trajectory.changes import Changed
 from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.report.answers.motion_diagnosis import named_effects
+from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
 
@@ -56,6 +58,37 @@ def test_the_zero_of_an_encoder_is_named_in_place_of_a_spring(tmp_path: Path, st
     error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)
     assert np.abs((found.fit_after.values - truth) / error).max() < 4
     assert replay(found.refined, recording).mean_abs < 3e-4
+
+
+@pytest.mark.parametrize(
+    ("tilt", "spec"),
+    [
+        (np.array([0.0, 0.2, 0.0]), EffectSpec("encoder_zero", "two", {"offset": 0.2})),
+        (-0.1, EffectSpec("gravity_direction", None, {"roll": 0.0, "pitch": -0.1})),
+    ],
+)
+def test_a_declared_zero_or_tilt_turns_the_robot_that_is_simulated(
+    tmp_path: Path, tilt: np.ndarray | float, spec: EffectSpec
+) -> None:
+    arm = robot(tmp_path)
+    known, recording = replace(arm, effects=(spec,)), moved(6, 12.0, tilt=tilt)
+    signals = prepare(read_recording([written(tmp_path, "log.h5", recording)], known), known)
+    found = identify(known, signals)
+    assert found.estimator == "trajectory"
+    assert max(error.relative for error in found.error.values()) < 0.01
+    truth = np.stack([ARMATURE, COULOMB, VISCOUS], axis=1)
+    values = [[found.drives[name][kind]["estimate"] for kind in ("Ja", "fs", "fv")] for name in NAMES]
+    assert np.array(values) == pytest.approx(truth, rel=0.01)
+    # the written robot still declares it, and moves as the log does
+    again = identified_robot(found)
+    assert spec in again.effects
+    moved_again = replay(again, recording)
+    assert moved_again.mean_abs < 2e-4
+    assert not moved_again.left_out
+    diagnosed = diagnose_motion(known, signals)
+    assert not diagnosed.effects
+    assert not diagnosed.unexplained
+    assert replay(diagnosed.refined, recording).mean_abs < 2e-4
 
 
 def test_zeros_of_two_encoders_are_found_beside_a_friction(tmp_path: Path) -> None:
