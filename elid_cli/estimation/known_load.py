@@ -17,6 +17,7 @@ from elid_cli._types import Array
 from elid_cli.errors import in_words
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
 from elid_cli.estimation.result import Identification
+from elid_cli.model.effects.declared import resolve
 from elid_cli.robot.robot import Robot
 
 OFF = 0.05
@@ -118,11 +119,16 @@ def off_scales(found: Identification, commanded: NDArray[np.bool_]) -> list[Load
     """Return the scales that are surely not 1, of joints (n,) whose torques were computed from commands.
 
     An offset counts there though it does not show beside weights that are free: the load would be that much too small.
+    A joint whose link the robot declares to carry more than bodies, as a spring, is not looked at.
     """
     triangles = found.with_nuisances or found.triangles
     if triangles is None:
         return []
-    return [scale for scale in load_scales(found.robot, triangles) if commanded[scale.joint] and scale.is_off]
+    declared = (resolve(found.robot, spec) for spec in found.robot.effects)
+    looked_at = commanded & ~np.isin(
+        np.arange(found.robot.n), [joint for kind, joint in declared if kind.place == "link"]
+    )
+    return [scale for scale in load_scales(found.robot, triangles) if looked_at[scale.joint] and scale.is_off]
 
 
 def scale_warnings(robot: Robot, off: Sequence[LoadScale]) -> tuple[str, ...]:
