@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
+from elid_cli.diagnosis.by_motion.carried import load_of
 from elid_cli.diagnosis.by_motion.poses import effects_of, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.torque_gains import (
@@ -24,8 +25,8 @@ from elid_cli.diagnosis.by_motion.torque_gains import (
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beside import Beside
-from elid_cli.estimation.trajectory.changes import CLEARLY, Changed, nearer_by
-from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.changes import CLEARLY, Changed, nearer_by, retuned
+from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.integral_terms import integral_terms
 from elid_cli.estimation.trajectory.late_joints import late_joints
@@ -175,6 +176,7 @@ def _asked_change(found: Found, log: _Log) -> tuple[Found, Changed | None, tuple
     asked = (
         (effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of),
         (effect_that(nuisance="delay"), late_joints), (effect_that(of_drive="integral"), integral_terms),
+        (effect_that(local=True, whole_robot=True), load_of),
     )  # fmt: skip
     known = {change.by.kind for change in found.changes} | {type(effect) for effect in log.declared[0]}
     kinds = [(kind, change_of) for kind, change_of in asked if log.may(kind) and kind not in known]
@@ -195,6 +197,13 @@ def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence
     other = replace(log, runs=change.runs(log.runs))
     done = other.searched(change.robot, change.fit.values)
     if not _nearer(done.after, found.done.after):
+        return found, log
+    # what was found with it may have moved its values, as it moved what was found before
+    again = retuned(change, done.after, log.runs)
+    if again is not None and _nearer(again.fit, done.after):
+        change, other = again, replace(log, runs=again.runs(log.runs))
+        done = other.searched(change.robot, change.fit.values)
+    if change.by.whole and (done.after.above_noise(log.signals) >= ABOVE).any():
         return found, log
     done = replace(done, tried=done.tried + found.done.tried)
     changes, rivals = (*found.changes, change), (*found.rivals, *rivals)

@@ -34,6 +34,9 @@ TRIED = 2
 """… and in fact from this step on, from 0."""
 QUICK = 6
 """Most motions of a fit whose slopes are computed for one step of the numbers."""
+GOES_ON = 0.02
+"""The same by which a step that is within the errors must lower it for more to follow: an error that is not yet noise
+makes errors of the numbers too large."""
 STILL = 1e-9
 """rad (m) by which positions change with 1 of a number that no joint feels."""
 
@@ -47,6 +50,10 @@ class Change(ABC):
     """Of which joints they are, the first numbers, one each; () of the whole robot. Others are found beside them."""
     most: float
     """Largest size of a number."""
+    summary: str = ""
+    """What it is, in words; empty: those of the effect."""
+    whole: bool = False
+    """Whether it is named only where all but noise is explained with it: what else is missing may imitate it."""
 
     @property
     def count(self) -> int:
@@ -148,16 +155,46 @@ def changed(before: TrajectoryFit, by: Change) -> Changed | None:
     by
         What is to be changed.
     """
-    level, fit, plain = before.unknowns.robot, before, [item.run for item in before.tracked]
-    values = np.zeros(by.count)
+    started = Changed(by, np.zeros(by.count), np.zeros(by.count), before.unknowns.robot, before)
+    return _descended(started, [item.run for item in before.tracked], before)
+
+
+def retuned(change: Changed, fit: TrajectoryFit, plain: Sequence[Run]) -> Changed | None:
+    """Return a change with the values that it has beside what was found since.
+
+    Parameters
+    ----------
+    change, fit
+        The change, and the fit of the changed robot with what was found since.
+    plain
+        The stretches with the drives as they are described.
+    """
+    return _descended(replace(change, fit=fit), plain, None)
+
+
+def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | None) -> Changed | None:
+    """Return a change at the values that the motion asks for; None where it asks for none, or not enough of `before`.
+
+    Parameters
+    ----------
+    started
+        The values and the fit to begin with.
+    plain
+        The stretches with the drives as they are described.
+    before
+        The fit without the change, where it may be none; None: it is a change that was found.
+    """
+    by, level, fit, values = started.by, started.level, started.fit, started.values
+    fell = np.inf
     for number in range(STEPS):
         moved = by.moved(fit, level, values)
         found = Beside.of(fit, moved)
-        if number == 0 and -0.5 * np.log(found.left).sum() < HOPEFUL:
+        if before is not None and number == 0 and -0.5 * np.log(found.left).sum() < HOPEFUL:
             return None
         shown = np.any([np.abs(part).max(axis=(0, 1)) > STILL for part in moved], axis=0)
         deviations = np.where(shown, np.hypot(found.deviations, COARSE * by.most), np.inf)
-        if number == STEPS - 1 or (np.abs(found.steps) <= SETTLED * deviations).all():
+        settled = (np.abs(found.steps) <= SETTLED * deviations).all()
+        if number == STEPS - 1 or (settled and fell < GOES_ON):
             break
         before_it, values = values, np.clip(values + found.steps, -by.most, by.most)
         if min(np.abs(before_it).max(), np.abs(values).max()) >= by.most:  # it wants to be farther than it may
@@ -165,8 +202,9 @@ def changed(before: TrajectoryFit, by: Change) -> Changed | None:
         again = _refitted(fit, by.robot(level, values), [by.run(run, values) for run in plain], fit.z + found.along)
         if again is None:
             return None
+        fell = nearer_by(again, fit)
         fit = again
-        if number >= TRIED and nearer_by(fit, before) < HOPEFUL:
+        if before is not None and number >= TRIED and nearer_by(fit, before) < HOPEFUL:
             return None
     made = Changed(by, values, deviations, level, fit)
     return made if made.sure.any() and np.abs(values).max() < by.most else None

@@ -150,7 +150,7 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     turned = Turned(BaseAngles(), np.array([0.1, 0.0]), np.array([0.001, np.inf]), SimpleNamespace(n=joints), fit)  # type: ignore[arg-type]
     monkeypatch.setattr(whole_robot, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
-    for other in ("zeros_of", "late_joints", "integral_terms"):
+    for other in ("zeros_of", "late_joints", "integral_terms", "load_of"):
         monkeypatch.setattr(whole_robot, other, lambda _: None)
     none = np.zeros(joints, dtype=bool)
     found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, (), None, None)  # type: ignore[arg-type]
@@ -159,7 +159,7 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     found, _ = whole_robot._by_change(found, log, change, rivals)
     assert not found.changes
     assert bool(asks) == asked
-    assert found.done.tried == 4
+    assert found.done.tried == 5
 
 
 class Turned(Changed):

@@ -1,0 +1,160 @@
+"""A load at the last body, from the first instant to the last, that the robot file does not have: a tool, a gripper.
+
+Its mass, first moments and inertias act as their columns of the regressor, as far as the joints feel each of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.trajectory.changes import Change, Changed, changed
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS
+from elid_cli.model.base_parameters import leftmost
+from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.bodies import last_body
+from elid_cli.model.effects.library import payload
+from elid_cli.model.linearised import Linearised
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import Motion, random_motion
+
+TOLD = 4
+"""Parameters of a load that are told, the first of `LINK_PARAMETERS`: its mass and first moments."""
+ARM = 0.1
+"""m; first moments and inertias count in the size of those of a mass at this distance."""
+LEAST_ARM = 0.02
+"""m; a load whose mass no joint feels is taken to be at least as far from the joint."""
+STRENGTH = 0.05
+"""Torque by which loads are varied, in parts of the usual Coulomb friction …"""
+LEAST = 1e-6
+"""… and at least, N·m (N)."""
+
+
+@dataclass(frozen=True)
+class Carried(Change):
+    """Parameters of a load at the last body, in parts of the robot's mass."""
+
+    kept: tuple[int, ...] = ()
+    """Which of them the joints feel."""
+    size: float = 1.0
+    """The robot's mass, kg."""
+    kind = effect_that(local=True, whole_robot=True)
+    summary = "the last body carries a load that the file does not have, or its masses are off by it"
+    most = 3.0
+    whole = True
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return len(self.kept)
+
+    @property
+    def _scale(self) -> Array:
+        arms = np.array([0.0] + 3 * [1.0] + 6 * [2.0])[list(self.kept)]
+        found: Array = self.size * ARM**arms
+        return found
+
+    def robot(self, level: Robot, values: Array) -> Robot:
+        """Return the robot whose last body has the load as well."""
+        last, added = level.joints[-1], real_load(level, self.load(values)).tolist()
+        own = {**last.parameters}
+        for name, more in zip(LINK_PARAMETERS, added, strict=True):
+            own[name] = own.get(name, 0.0) + more
+        return replace(level, joints=(*level.joints[:-1], replace(last, parameters=MappingProxyType(own))))
+
+    def load(self, values: Array) -> Array:
+        """Return the parameters of the load about the frame of the last body, (10,)."""
+        found = np.zeros(len(LINK_PARAMETERS))
+        found[list(self.kept)] = self._scale * values
+        return found
+
+    def named(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return the load as the effect's amplitudes."""
+        return self.load(values)
+
+    def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
+        """Return the standard errors of mass and first moments; infinite of what is not told."""
+        found = self.load(deviations)
+        found[[k for k in range(len(found)) if k >= TOLD or k not in self.kept]] = np.inf
+        return found
+
+    def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
+        """Return how the positions change by what the load needs."""
+        own, turns = fit.unknowns, self._scale[:, None] * np.eye(len(LINK_PARAMETERS))[list(self.kept)]
+        equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
+        strength = max(STRENGTH * float(np.median(fit.values[:, 1])), LEAST)
+        found = []
+        for item in fit.tracked:
+            pushes = np.einsum("nap,da->dpn", _columns(level, item), turns)
+            size = np.sqrt(np.mean(pushes**2, axis=1).max(axis=1))
+            by = strength / np.maximum(size, 1e-300)
+            even = pushes * by[:, None, None]
+            moved = columns_of_pushes(equations, replace(item, local=None), own, fit.z, parameters, even)
+            found.append(moved / by)
+        return found
+
+
+def load_of(before: TrajectoryFit) -> Changed | None:
+    """Return the load of the last body that the motion asks for beside drives and delays; None where it asks for none.
+
+    A robot with several last bodies is not looked at. A mass on the joint's own axis is no load: those of the bodies
+    before look the same.
+    """
+    robot = before.unknowns.robot
+    if len(set(robot.parents)) < robot.n or not any(robot.gravity):
+        return None
+    kept = _felt(robot)
+    mass = sum(max(float(joint.parameters.get("m", 0.0)), 0.0) for joint in robot.joints)
+    found = changed(before, Carried(kept, mass)) if kept and mass > 0 else None
+    if found is None or not found.sure[[0 < k < TOLD for k in kept]].any():
+        return None
+    return found
+
+
+def real_load(robot: Robot, load: Array) -> Array:
+    """Return parameters (10,) that act as those of a load at the last body do, of a load that there may be.
+
+    What no joint feels is that of a point of that mass where its centre is; a mass that none feels is one in whose
+    centre the last body's is.
+    """
+    body = _of_body(robot)
+    found, felt = np.zeros(len(load)), np.abs(body).max(axis=0) > 0
+    first = np.where(felt[1:TOLD], load[1:TOLD], 0.0)
+    own = robot.joints[-1].parameters
+    centre = np.linalg.norm([own.get(name, 0.0) for name in LINK_PARAMETERS[1:TOLD]]) / max(own.get("m", 0.0), 1e-9)
+    mass = float(load[0]) if felt[0] else float(np.linalg.norm(first)) / max(float(centre), LEAST_ARM)
+    found[0], found[1:TOLD] = mass, first
+    if mass:
+        inertia = (first @ first * np.eye(3) - np.outer(first, first)) / mass
+        found[TOLD:] = [inertia["xyz".index(name[1]), "xyz".index(name[2])] for name in LINK_PARAMETERS[TOLD:]]
+    found[TOLD:] += np.linalg.lstsq(body[:, TOLD:], body @ (load - found), rcond=1e-9)[0]
+    return found
+
+
+def _felt(robot: Robot) -> tuple[int, ...]:
+    """Return the parameters of the last body that neither rotors' inertias nor those before them can stand for."""
+    motion, body = random_motion(robot.n, robot.elastic, samples=24), _of_body(robot).T
+    rotors = (np.eye(robot.n)[:, :, None] * motion.ddq.T[None]).reshape(robot.n, -1)
+    leaders = leftmost(np.concatenate([rotors, body]).T, payload.TOLERANCE, null=0.0).leaders
+    return tuple(int(k) - robot.n for k in leaders if k >= robot.n)
+
+
+def _of_body(robot: Robot) -> Array:
+    """Return the columns of the last body's parameters over all joints and some instants, (R, 10)."""
+    columns = last_body(robot, random_motion(robot.n, robot.elastic, samples=24))
+    return columns.transpose(0, 2, 1).reshape(-1, len(LINK_PARAMETERS))
+
+
+def _columns(robot: Robot, item: Tracked) -> Array:
+    """Return the torques that the parameters of the last body need along a stretch's motion, of 1 each, (n, 10, N)."""
+    n = robot.n
+    x, v = item.x[:, :n], item.v[:, :n]
+    a = np.gradient(v, item.run.dt, axis=0)
+    return last_body(robot, Motion(item.run.t, x, v, a, x, v, a))

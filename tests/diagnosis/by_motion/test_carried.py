@@ -1,0 +1,120 @@
+"""A tool that the robot file does not have, told by the motion of an arm that shares no code with elid."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.experiment.replay.replay import replay
+from elid_cli.logs.reading import read_recording
+from elid_cli.logs.writing import write_recording
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.signals import prepare
+
+NAMES, DT, FINE = ("upper", "fore"), 0.005, 40
+LENGTH, CENTRES, MASSES, INERTIAS = 0.35, (0.18, 0.15), (1.5, 0.8), (0.02, 0.008)
+ARMATURE, COULOMB, VISCOUS, KP, KD = (0.02, 0.01), (0.3, 0.15), (0.25, 0.12), (60.0, 25.0), (2.0, 0.8)
+TOOL, REACH = 0.3, 0.25
+
+
+def described(folder: Path, first: float = 1.0) -> Robot:
+    """Return the arm as its file has it, without the tool; the first body's mass off by a factor."""
+    (mass, other), (centre, far), (about, own) = MASSES, CENTRES, INERTIAS
+    path = folder / "arm.xml"
+    path.write_text(
+        '<mujoco model="arm"><worldbody><body name="one"><joint name="upper" type="hinge" axis="0 1 0"/>'
+        f'<inertial pos="0 0 -{centre}" mass="{first * mass}" diaginertia="{about} {about} {about}"/>'
+        f'<body name="two" pos="0 0 -{LENGTH}"><joint name="fore" type="hinge" axis="0 1 0"/>'
+        f'<inertial pos="0 0 -{far}" mass="{other}" diaginertia="{own} {own} {own}"/></body></body>'
+        "</worldbody></mujoco>"
+    )
+    return read_robot(path)
+
+
+def moved(seed: int, tool: float, seconds: float = 10.0) -> Recording:
+    """Return a log of the arm with a tool of some mass, integrated plainly under held commands."""
+    rng = np.random.default_rng(seed)
+    count, h = round(seconds / DT) + 1, DT / FINE
+    t, phase = DT * np.arange(count), rng.uniform(0, 2 * np.pi, (2, 3))
+    waves = [(0.5, 1.7), (0.25, 4.3), (0.1, 9.1)]
+    wanted = np.stack([sum(a * np.sin(w * (1 + 0.2 * k) * t + phase[k, n]) for n, (a, w) in enumerate(waves))
+                       for k in range(2)], axis=1)  # fmt: skip
+    mass = MASSES[1] + tool
+    moment = MASSES[1] * CENTRES[1] + tool * REACH
+    about = INERTIAS[1] + MASSES[1] * CENTRES[1] ** 2 + tool * REACH**2
+    first = INERTIAS[0] + MASSES[0] * CENTRES[0] ** 2 + mass * LENGTH**2
+    weight = (MASSES[0] * CENTRES[0] + mass * LENGTH) * 9.81
+
+    def pulled(a: float, b: float, u: float, v: float, told: tuple[float, float]) -> tuple[float, float]:
+        turn, both = LENGTH * moment * math.sin(b), 9.81 * moment * math.sin(a + b)
+        x = told[0] - KP[0] * a - KD[0] * u - VISCOUS[0] * u - COULOMB[0] * math.tanh(u / 1e-3)
+        y = told[1] - KP[1] * b - KD[1] * v - VISCOUS[1] * v - COULOMB[1] * math.tanh(v / 1e-3)
+        x -= weight * math.sin(a) + both - turn * (2 * u * v + v * v)
+        y -= both + turn * u * u
+        near = about + LENGTH * moment * math.cos(b)
+        whole, last = first + 2 * near - about + ARMATURE[0], about + ARMATURE[1]
+        det = whole * last - near * near
+        return (last * x - near * y) / det, (whole * y - near * x) / det
+
+    a, b, u, v = *wanted[0].tolist(), 0.0, 0.0
+    q = np.empty((count, 2))
+    for k in range(count):
+        q[k] = a, b
+        told = KP[0] * float(wanted[k, 0]), KP[1] * float(wanted[k, 1])
+        for _ in range(FINE):
+            p, r = pulled(a, b, u, v, told)
+            p, r = pulled(a + 0.5 * h * u, b + 0.5 * h * v, u + 0.5 * h * p, v + 0.5 * h * r, told)
+            a, b = a + h * (u + 0.5 * h * p), b + h * (v + 0.5 * h * r)
+            u, v = u + h * p, v + h * r
+    q += 1e-4 * rng.standard_normal(q.shape)
+    gains = {"kp": np.tile(KP, (count, 1)), "kd": np.tile(KD, (count, 1))}
+    return Recording(NAMES, DT, t, q, q, np.full_like(q, np.nan), commands={"q_des": wanted, **gains},
+                     segments=(Segment(0, count),), files=("made.h5",))  # fmt: skip
+
+
+def written(folder: Path, recording: Recording) -> str:
+    """Write a log and return its path."""
+    write_recording(recording, folder / "log.h5")
+    return str(folder / "log.h5")
+
+
+def test_a_tool_is_told_in_kilograms_and_the_written_robot_carries_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm, other = described(tmp_path), moved(2, TOOL, 6.0)
+    log, out = written(tmp_path, moved(1, TOOL)), str(tmp_path / "found.xml")
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("payload", None)]
+    (effect,) = found.effects
+    truth = {"m": TOOL, "cx": 0.0, "cz": -TOOL * REACH}
+    for name, value in truth.items():
+        assert abs(effect.parameters[name] - value) < 4 * effect.std_error[name]
+    assert effect.std_error["m"] < 0.01 * TOOL
+    assert not found.unexplained
+    assert not found.free_bodies
+    values, error = found.fit_after.values, found.fit_after.unknowns.joint_values(found.fit_after.deviation)
+    assert np.abs((values - np.stack([ARMATURE, COULOMB, VISCOUS, (0, 0)], axis=1)) / error).max() < 4
+    assert replay(found.refined, other).mean_abs < 2e-4
+    # a simulator gets the body with the tool
+    assert main(["diagnose", log, "--robot", arm.source, "--write-robot", out]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "a load that the file does not have" in said
+    again = read_robot(out)
+    assert again.joints[1].parameters["m"] == pytest.approx(MASSES[1] + TOOL, rel=0.01)
+    assert replay(again, other).mean_abs < 2e-4
+
+
+def test_no_tool_is_told_where_there_is_none_or_another_body_is_off(tmp_path: Path) -> None:
+    log = written(tmp_path, moved(3, 0.0, 8.0))
+    for first in (1.0, 1.3):
+        arm = described(tmp_path, first)
+        found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+        assert "payload" not in {e.effect for e in found.effects}
+        assert bool(found.effects) == (first != 1.0)
