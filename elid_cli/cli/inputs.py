@@ -159,5 +159,6 @@ def check_effects(names: Sequence[str]) -> None:
     for name in names:
         if name not in effect_classes():
             raise UsageError(f"--only: no effect {name!r}", hint=did_you_mean(name, effect_classes()))
-        if not (effect_classes()[name].searched or effect_classes()[name].moves_zero):
+        kind = effect_classes()[name]
+        if not (kind.searched or kind.moves_zero or kind.of_drive):
             raise UsageError(f"{name} is a curve, not an effect to search for", hint=f"use --{name}")

@@ -47,7 +47,7 @@ def write_found(
     remarks: Sequence[str],
     found: Identification,
     error: Mapping[str, JointError],
-    again: Callable[[Robot], Identification],
+    again: Callable[[Robot, bool], Identification],
     output: Output,
 ) -> Written:
     """Write an identified robot to files, and say on stderr what they hold that was not found, or do not hold.
@@ -65,15 +65,16 @@ def write_found(
     found, error
         What corrections of the measurement it holds, and its held-out errors.
     again
-        Identifies again, for a robot without effects (``--drop-effects``).
+        Identifies again, for a robot without effects (``--drop-effects``); with a delay of the drives or without.
     output
         Whether notes are wanted.
     """
+    from dataclasses import replace
+
     from elid_cli.estimation.refined_robot import impossible_words
 
     note([said for said in impossible_words(found) if said in remarks], output, "warning")
-    if files.write_actuators is not None:
-        _write_actuators(found, refined, files.write_actuators)
+    told, told_of = found, refined
     nuisances = {(item.effect, item.joint) for item in found.nuisances}
     written: list[str] = []
     refusals: list[ElidError] = []
@@ -90,7 +91,12 @@ def write_found(
             elif lost and not files.drop_effects:
                 raise _refused(path, lost)
             else:
-                plain, cost = _without(refined, lost, error, again, "the delay of the drives" if late else "")
+                told, told_of, cost = _without(
+                    refined, lost, error, lambda robot: again(robot, files.write_actuators is not None),
+                    "the delay of the drives" if late else "",
+                )  # fmt: skip
+                channel = _nuisances()
+                plain = replace(told_of, effects=tuple(s for s in told_of.effects if s.effect not in channel))
                 note([f"{path}: {sentence}" for sentence in cost], output, "left out")
                 write_described(plain, path, [*remarks[:1], *cost, *said])
         except ElidError as refusal:
@@ -98,6 +104,8 @@ def write_found(
         else:
             written.append(path)
             note([f"{path}: {sentence}" for sentence in _other_limits(refined, path)], output, "left out")
+    if files.write_actuators is not None:  # of the fit whose values the robot file holds
+        _write_actuators(told, told_of, files.write_actuators)
     return Written(tuple(written), refusals[0] if refusals else None)
 
 
@@ -205,8 +213,8 @@ def _without(
     error: Mapping[str, JointError],
     again: Callable[[Robot], Identification],
     late: str,
-) -> tuple[Robot, list[str]]:
-    """Return the robot fitted without some effects, and what that costs in words."""
+) -> tuple[Identification, Robot, list[str]]:
+    """Return the fit without some effects, its robot, and what that costs in words."""
     from dataclasses import replace
 
     from elid_cli.estimation.refined_robot import identified_robot
@@ -223,8 +231,7 @@ def _without(
         f"{', '.join(word for word in (_named(lost), late) if word)}; the parameters are those of a fit without",
         f"the held-out error of the torque becomes {', '.join(worse)} (N·m or N)",
     ]
-    plain, held = identified_robot(answer), {(spec.effect, spec.joint) for spec in kept}
-    return replace(plain, effects=tuple(spec for spec in plain.effects if (spec.effect, spec.joint) in held)), said
+    return answer, identified_robot(answer), said
 
 
 def _late(found: Identification) -> bool:

@@ -32,6 +32,7 @@ from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import nuisance_of
 from elid_cli.model.effects.declared import as_observed
+from elid_cli.model.effects.of_drives import with_integrals
 from elid_cli.model.effects.shifts import free_of_delays
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
@@ -132,8 +133,9 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
 
 def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:
     """Return what the samples say of the robot as they show it."""
-    whole, described = robot, as_observed(robot, signals)
-    robot = free_of_delays(described) if options.delays else described
+    whole, described, logged = robot, as_observed(robot, signals), signals
+    plain = free_of_delays(described) if options.delays else described
+    robot, signals = with_integrals(plain, signals)
     fit, tilt = _levelled_fit(robot, signals, options)
     fit, refused, answer = judged(fit, options)
     judgement = judge_model(fit) if options.guards else None
@@ -147,15 +149,17 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     if options.fit == "trajectory":
         from elid_cli.estimation.trajectory.identification import by_trajectory
 
-        return by_trajectory(replace(found, robot=described), signals, delays=options.delays)
+        return by_trajectory(replace(found, robot=described), logged, delays=options.delays)
     if options.accurate:
         return _as_described(_accurate(fit, found, options, refused, judgement), robot, tilt)
     if options.chooses and signals.recording is not None and signals.recording.commanded.all():
         from elid_cli.estimation.trajectory.unasked import or_by_motion
 
-        answer = or_by_motion(replace(found, robot=described), signals, delays=options.delays)
-        return answer if answer.estimator == "trajectory" else replace(answer, robot=found.robot)
-    return found
+        answer = or_by_motion(replace(found, robot=described), logged, delays=options.delays)
+        if answer.estimator == "trajectory":
+            return answer
+        found = replace(answer, robot=found.robot)
+    return found if robot is plain else replace(found, robot=plain)
 
 
 class Identified(NamedTuple):

@@ -119,7 +119,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         written = write_found(
             Files() if found.partial else files, found.written_robot, remarks(published) if files.write_robot else (),
             found.identified_with_effects, found.after,
-            lambda plain: identify(plain, signals, EstimateOptions(fit="torque")), output,
+            lambda plain, _: identify(plain, signals, EstimateOptions(fit="torque")), output,
         )  # fmt: skip
         told = DiagnosisInput(
             found, found.identified_before, published, found.contributions, recording, source.robot, judged,
@@ -146,8 +146,8 @@ def _tell_motion(found: MotionDiagnosis, gates: Limits, files: Files, robot: str
     written = write_found(
         Files() if found.partial else files, found.refined, remarks(found.after) if files.write_robot else (),
         found.after, found.after.error,
-        lambda other: by_trajectory(
-            least_squares(other, found.delivered), found.delivered, delays=False, start=found.fit_after.values
+        lambda other, late: by_trajectory(
+            least_squares(other, found.delivered), found.delivered, delays=late, start=found.fit_after.values
         ),
         output,
     )  # fmt: skip

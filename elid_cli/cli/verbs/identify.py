@@ -88,9 +88,9 @@ def identify(
             refined = replace(refined, joints=built.refined_robot().joints)
         again = replace(request, on_read=None, progress=None)
 
-        def without_effects(plain: Robot) -> Identification:
+        def without_effects(plain: Robot, late: bool) -> Identification:
             moving = found.estimator == "trajectory"
-            same = replace(fit, fit="trajectory" if moving else "torque", delays=not moving)
+            same = replace(fit, fit="trajectory" if moving else "torque", delays=late or not moving)
             return _identified(replace(again, robot=plain), same, beyond.payload, False).found
 
         elastic = with_stiffnesses(refined, found)

@@ -91,7 +91,7 @@ def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
 def tried_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[type[Effect]]:
     """Return the effects that a search by motion tries: those that it can hold, and what acts on the whole.
 
-    That is limits and gains of the torque, the direction of gravity, zeros of encoders, and drives that are late.
+    That is limits, gains and integral terms of drives, the direction of gravity, zeros of encoders, and late drives.
     """
     whole = (
         kind for name, kind in library.items()

@@ -24,6 +24,7 @@ from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.of_drives import declared_gains
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -187,14 +188,21 @@ def moved_by_gains(fit: TrajectoryFit, joints: Sequence[int]) -> list[Array]:
 def found_gains(
     robot: Robot, before: TrajectoryFit, after: TrajectoryFit, gains: Gains | None, named: NDArray[np.bool_]
 ) -> tuple[FoundEffect, ...]:
-    """Return the torque gains of some joints (n,) as effects, with what the motion comes nearer by."""
+    """Return the torque gains of some joints (n,) as effects, with what the motion comes nearer by.
+
+    They are whole: with those that the robot declares already.
+    """
+    if gains is None:
+        return ()
     bare, left = (fit.equations.lighter.sum(axis=0) for fit in (before, after))
-    return () if gains is None else tuple(
+    known = declared_gains(robot)
+    ratio, deviation = known * gains.ratio, known * gains.deviation
+    return tuple(
         FoundEffect(
             gain_name(), robot.joint_names[j],
-            {"gain": float(gains.ratio[j] - 1.0)}, {"gain": float(gains.deviation[j])},
+            {"gain": float(ratio[j] - 1.0)}, {"gain": float(deviation[j])},
             float(1.0 - left[j] / max(bare[j], 1e-300)),
-            f"the computed torque is {gains.ratio[j]:.3f} times what acts: kp and kd, or all masses that the joint "
+            f"the computed torque is {ratio[j]:.3f} times what acts: kp and kd, or all masses that the joint "
             "carries, are off by that factor",
         )
         for j in np.flatnonzero(named).tolist()

@@ -175,10 +175,11 @@ def _asked_change(found: Found, log: _Log) -> tuple[Found, Changed | None, tuple
     """Return the change that brings the motion clearly nearer, with what does as well; None where none does."""
     asked = (
         (effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of),
-        (effect_that(nuisance="delay"), late_joints), (effect_that(of_drive="integral"), integral_terms),
+        (effect_that(nuisance="delay"), late_joints),
+        (effect_that(of_drive="integral"), lambda fit: integral_terms(fit, log.signals)),
         (effect_that(local=True, whole_robot=True), load_of),
     )  # fmt: skip
-    known = {change.by.kind for change in found.changes} | {type(effect) for effect in log.declared[0]}
+    known = {change.by.kind for change in found.changes}
     kinds = [(kind, change_of) for kind, change_of in asked if log.may(kind) and kind not in known]
     # what effects that were found hide is asked for beside them
     for near in (found.plain, *([found.done.after] if found.done.named else [])):

@@ -145,7 +145,7 @@ def nearer_by(one: TrajectoryFit, other: TrajectoryFit) -> float:
     return float(np.log(other.equations.size / one.equations.size).sum())
 
 
-def changed(before: TrajectoryFit, by: Change) -> Changed | None:
+def changed(before: TrajectoryFit, by: Change, start: Array | None = None) -> Changed | None:
     """Return the change that the motion asks for beside all that a fit finds; None where it asks for none.
 
     Parameters
@@ -154,9 +154,14 @@ def changed(before: TrajectoryFit, by: Change) -> Changed | None:
         The fit of the robot and the drives as they are described.
     by
         What is to be changed.
+    start
+        Values to begin with, (count,); None: 0.
     """
-    started = Changed(by, np.zeros(by.count), np.zeros(by.count), before.unknowns.robot, before)
-    return _descended(started, [item.run for item in before.tracked], before)
+    values, robot, plain = np.zeros(by.count), before.unknowns.robot, [item.run for item in before.tracked]
+    if start is None:
+        return _descended(Changed(by, values, values, robot, before), plain, before)
+    fit = _refitted(before, by.robot(robot, start), [by.run(run, start) for run in plain], before.z)
+    return None if fit is None else _descended(Changed(by, start, values, robot, fit), plain, before, TRIED)
 
 
 def retuned(change: Changed, fit: TrajectoryFit, plain: Sequence[Run]) -> Changed | None:
@@ -172,7 +177,7 @@ def retuned(change: Changed, fit: TrajectoryFit, plain: Sequence[Run]) -> Change
     return _descended(replace(change, fit=fit), plain, None)
 
 
-def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | None) -> Changed | None:
+def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | None, done: int = 0) -> Changed | None:
     """Return a change at the values that the motion asks for; None where it asks for none, or not enough of `before`.
 
     Parameters
@@ -183,10 +188,12 @@ def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | N
         The stretches with the drives as they are described.
     before
         The fit without the change, where it may be none; None: it is a change that was found.
+    done
+        Steps that were done before.
     """
     by, level, fit, values = started.by, started.level, started.fit, started.values
     fell = np.inf
-    for number in range(STEPS):
+    for number in range(done, STEPS):
         moved = by.moved(fit, level, values)
         found = Beside.of(fit, moved)
         if before is not None and number == 0 and -0.5 * np.log(found.left).sum() < HOPEFUL:
@@ -211,8 +218,9 @@ def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | N
 
 
 def changed_joints(
-    before: TrajectoryFit, joints: Sequence[int], of: Callable[[tuple[int, ...]], Change], least: float = 0.0
-) -> Changed | None:
+    before: TrajectoryFit, joints: Sequence[int], of: Callable[[tuple[int, ...]], Change], least: float = 0.0,
+    start: Array | None = None,
+) -> Changed | None:  # fmt: skip
     """Return the change of those of some joints that the motion is sure of; None where there are none.
 
     Parameters
@@ -225,10 +233,14 @@ def changed_joints(
         Makes the change of some joints.
     least
         Size that a change must have.
+    start
+        The first numbers of all joints to begin with, (n,); None: 0.
     """
     left = tuple(joints)
     while left:
-        found = changed(before, of(left))
+        by = of(left)
+        begun = None if start is None else np.append(start[list(left)], np.zeros(by.count - len(left)))
+        found = changed(before, by, begun)
         if found is None:
             return None
         sure = found.sure & (np.abs(found.values[: len(left)]) > least)

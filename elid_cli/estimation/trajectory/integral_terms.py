@@ -9,25 +9,34 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.beside import Beside, moved_by_runs
-from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints
+from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.of_drives import declared_integrals
+from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
 
 NUDGE = 1e-2
 """1/s, or rad (m), by which a number is changed to see what that does."""
+HELPS = 0.05
+"""Part of the squared torque left, by least squares, that the integral of the error must explain to be begun with."""
 
 
 @dataclass(frozen=True)
 class IntegralTerms(Change):
     """Integral over proportional gains of some joints' drives, 1/s, and what they hold when a recording begins.
 
-    That is the torque over kp, rad (m), beyond the one when the first recording begins, which the offset is.
+    That is the torque over kp, rad (m), beyond the one when the first recording begins, which the offset is. Rates are
+    beyond those that the robot declares.
     """
 
     joints: tuple[int, ...]
     recordings: int = 1
+    known: tuple[float, ...] = ()
+    """Rates that the robot declares, 1/s, (n,)."""
     kind = effect_that(of_drive="integral")
     most = 30.0
 
@@ -40,6 +49,12 @@ class IntegralTerms(Change):
         """Return the stretch under drives that add up the error."""
         return self._begun(self._at(plain, values), values)
 
+    def named(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return the whole rates, then what the drives hold."""
+        found: Array = values + np.append(np.array(self.known)[list(self.joints)], np.zeros(self._further))
+        found[: len(self.joints)] = np.maximum(found[: len(self.joints)], 0.0)
+        return found
+
     def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
         """Return what it does to raise each number a little."""
 
@@ -49,11 +64,15 @@ class IntegralTerms(Change):
 
         return [part / NUDGE for part in moved_by_runs(fit, [more(k) for k in range(self.count)])]
 
+    @property
+    def _further(self) -> int:
+        return self.count - len(self.joints)
+
     def _at(self, run: Run, values: Array) -> Run:
         """Return the stretch with the rates of the values."""
-        rates = np.zeros(run.measured.shape[1])
-        rates[list(self.joints)] = np.maximum(values[: len(self.joints)], 0.0)
-        return run.integrating(rates)
+        rates = np.array(self.known)
+        rates[list(self.joints)] += values[: len(self.joints)]
+        return run.integrating(np.maximum(rates, 0.0))
 
     def _begun(self, run: Run, values: Array) -> Run:
         """Return the stretch with what the drives hold when its recording begins."""
@@ -64,14 +83,65 @@ class IntegralTerms(Change):
         return run.pushed(run.drives.kp * held)
 
 
-def integral_terms(before: TrajectoryFit) -> Changed | None:
+def integral_terms(before: TrajectoryFit, signals: Signals) -> Changed | None:
     """Return the integral terms that the motion asks for beside drives and delays; None where it asks for none.
 
-    The rates of all joints are looked at together, and those that are clear of 0 found without the others.
+    They are found from two starts: from none, where the rates of all joints are looked at together, and from those that
+    least squares on the torque show. From none, the motion tells too little of a fast one.
+
+    Parameters
+    ----------
+    before
+        The fit without.
+    signals
+        The logs, with torques of the drives as the robot declares them.
     """
     robot, recordings = before.unknowns.robot, before.unknowns.recordings
-    every = IntegralTerms(tuple(range(robot.n)), recordings)
+    known = tuple(declared_integrals(robot).tolist())
+    every = IntegralTerms(tuple(range(robot.n)), recordings, known)
     alone = Beside.of(before, every.moved(before, robot, np.zeros(every.count)))
-    joints = np.flatnonzero((alone.steps > SURE * alone.deviations)[: robot.n]).tolist()
-    found = changed_joints(before, joints, lambda left: IntegralTerms(left, recordings))
-    return found if found is not None and (found.values[: len(found.by.joints)] > 0).all() else None
+    clear = (np.abs(alone.steps) > SURE * alone.deviations)[: robot.n]
+    rates = shown_rates(before, signals)
+    more = clear & (alone.steps[: robot.n] + np.array(known) > 0)
+
+    def of(left: tuple[int, ...]) -> IntegralTerms:
+        return IntegralTerms(left, recordings, known)
+
+    found = [
+        changed_joints(before, np.flatnonzero(joints).tolist(), of, start=start)
+        for joints, start in ((more, None), (rates != 0, rates))
+    ]
+    kept = [one for one in found if one is not None and _may_be(one)]
+    return max(kept, key=lambda one: nearer_by(one.fit, before), default=None)
+
+
+def _may_be(found: Changed) -> bool:
+    """Whether no rate is surely negative."""
+    by, joints = found.by, len(found.by.joints)
+    assert isinstance(by, IntegralTerms)
+    rates = found.values[:joints] + np.array(by.known)[list(by.joints)]
+    return bool((rates > -SURE * found.deviations[:joints]).all())
+
+
+def shown_rates(fit: TrajectoryFit, signals: Signals) -> Array:
+    """Return the rates beyond the declared that least squares on the torque show, 1/s, (n,); 0 where they show none."""
+    robot, found = fit.unknowns.robot, np.zeros(fit.unknowns.robot.n)
+    if signals.error_integrals is None:
+        return found
+    motion, integral = signals.motion, signals.error_integrals[0]
+    q, dq, ddq = motion.theta, motion.dtheta, motion.ddtheta
+    local = Linearised(robot, without=PARAMETERS).about(q[:, None], dq[:, None])
+    left = signals.tau - local.force[:, 0] - np.einsum("nij,nj->ni", local.mass[:, 0], ddq)
+    inside = np.zeros((len(q), fit.unknowns.recordings), dtype=bool)
+    for segment in signals.segments:
+        inside[segment.start : segment.stop, segment.source] = True
+    for k in range(robot.n):
+        use = inside.any(axis=1) & np.isfinite(left[:, k])
+        columns = np.column_stack([ddq[:, k], np.sign(dq[:, k]), dq[:, k], inside, integral[:, k]])[use]
+        bare, whole = (np.linalg.lstsq(part, left[use, k], rcond=None)[0] for part in (columns[:, :-1], columns))
+        without, beside = (float(np.sum((left[use, k] - part @ step) ** 2))
+                           for part, step in ((columns[:, :-1], bare), (columns, whole)))  # fmt: skip
+        rate = -float(whole[-1])
+        if beside < (1.0 - HELPS) * without and abs(rate) < IntegralTerms.most:
+            found[k] = max(rate, -float(declared_integrals(robot)[k]))
+    return found

@@ -17,6 +17,7 @@ from elid_cli.estimation.validation.cross_validation import errors_of_rows
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.of_drives import with_integrals
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.effects.shifts import corrected, declared_shifts, delivered, unshifted_robot
 from elid_cli.model.effects.tilt import declared_tilt, levelled
@@ -72,7 +73,8 @@ def validate(
         If the description holds no parameter values, or an effect lacks some.
     """
     turned = bool(np.any(declared_tilt(robot)))
-    described, robot, logged = robot, levelled(as_observed(robot, signals)), signals
+    asked, described, logged = signals, robot, signals
+    robot, signals = with_integrals(levelled(as_observed(robot, signals)), signals)
     model = Regressor(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)
@@ -80,7 +82,7 @@ def validate(
     effects = [] if scene is None else _declared(robot, scene)
     drives = [(effect, linear) for effect, linear in effects if effect.simulated == "motor"]
     signals = corrected(delivered(signals, drives), shifts)
-    changed = turned or bool(shifts) or bool(drives)
+    changed = turned or bool(shifts) or bool(drives) or signals is not asked
     observation = observe(model, signals) if observation is None or changed else observation
     springs = {k for k, name in enumerate(model.names) if name.kind == "K" and not np.isfinite(robot.reference()[k])}
     residual = {

@@ -47,6 +47,15 @@ def _declared(robot: Robot, which: Literal["gain", "integral"]) -> Array:
     return found
 
 
+def with_integrals(robot: Robot, signals: Signals) -> tuple[Robot, Signals]:
+    """Return the robot without the integral terms that it declares, and the signals with the torques that hold them."""
+    rates = declared_integrals(robot)
+    kept = tuple(spec for spec in robot.effects if resolve(robot, spec)[0].of_drive != "integral")
+    if signals.error_integrals is None or len(kept) == len(robot.effects):
+        return robot, signals
+    return replace(robot, effects=kept), with_drives(signals, rates)
+
+
 def as_acting(robot: Robot, signals: Signals) -> Signals:
     """Return the signals with the torques that act as the robot declares its drives, in place of what the log tells."""
     return with_drives(signals, declared_integrals(robot), declared_gains(robot))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.refined_robot import identified_robot
@@ -56,6 +58,27 @@ def test_an_integral_term_is_named_and_the_written_robot_has_it(tmp_path: Path) 
     second = diagnose_motion(again, signals)
     assert not second.effects
     assert not second.unexplained
+
+
+def test_a_file_that_drops_the_effect_goes_with_its_file_of_actuators(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm, term = robot(tmp_path), np.array([0.0, RATE * KP[1], 0.0])
+    recording = moved(6, 8.0, delay=0.002, integral=term)
+    log, file, beside = written(tmp_path, "log.h5", recording), str(tmp_path / "x.xml"), str(tmp_path / "x.json")
+    line = ["diagnose", log, "--robot", arm.source, "--write-robot", file, "--write-actuators", beside]
+    assert main([*line, "--only", "integral_action"]) == 2  # no MJCF holds it
+    assert main([*line, "--only", "integral_action", "--drop-effects"]) == 0
+    assert "integral_action" in capsys.readouterr().err
+    told = json.loads(Path(beside).read_text())
+    assert "integral_action" not in json.dumps(told["effects"])
+    assert main(["replay", log, "--robot", file, "--actuators", beside, "--json"]) == 0
+    both = json.loads(capsys.readouterr().out)["mean_abs"]
+    assert main(["replay", log, "--robot", file, "--json"]) == 0
+    assert both < json.loads(capsys.readouterr().out)["mean_abs"]
+    # what the others lack is their delay alone, which the file of actuators holds
+    again = read_robot(file)
+    assert [again.joints[k].parameters["Ja"] for k in (0, 2)] == pytest.approx([ARMATURE[0], ARMATURE[2]], rel=0.02)
 
 
 def test_drives_of_several_logs_hold_something_else_when_each_begins(tmp_path: Path) -> None:

@@ -151,7 +151,7 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     monkeypatch.setattr(whole_robot, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
     for other in ("zeros_of", "late_joints", "integral_terms", "load_of"):
-        monkeypatch.setattr(whole_robot, other, lambda _: None)
+        monkeypatch.setattr(whole_robot, other, lambda *_: None)
     none = np.zeros(joints, dtype=bool)
     found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, (), None, None)  # type: ignore[arg-type]
     log = whole_robot._Log(None, [], ([], []), (), None)  # type: ignore[arg-type]
