@@ -35,7 +35,9 @@ from elid_cli.estimation.trajectory.identification import (
     commanded_runs,
     declared_along,
     identification_of,
+    started_from,
 )
+from elid_cli.estimation.trajectory.late_joints import believed
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
@@ -96,6 +98,7 @@ def diagnose_motion(
     runs = commanded_runs(recording, robot)
     signals, found = acting, found if acting is signals and robot is described else None
     effects, amplitudes = declared_along(robot, runs[0])
+    runs = believed(robot, runs, started_from(robot, signals), (effects, amplitudes))
     higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
     if higher is not None:
         robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None

@@ -38,6 +38,8 @@ from elid_cli.signals.signals import Signals
 
 CHANGES = 3
 """Most changes that are taken one after the other."""
+PASSES = 3
+"""Times that each of several is found again beside the others."""
 
 
 @dataclass(frozen=True)
@@ -138,13 +140,42 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
 
 def _by_changes(found: Found, log: _Log, change: Changed | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
     """Return what a search finds with one change after the other, as long as each comes clearly nearer; the log."""
+    first, robot = log, found.robot
     for _ in range(CHANGES):
         before = len(found.changes)
         found, log = _by_change(found, log, change, rivals)
         if len(found.changes) == before:
             break
         found, change, rivals = _asked_change(found, log)
-    return found, log
+    return _together(found, log, first, robot)
+
+
+def _together(found: Found, log: _Log, first: _Log, robot: Robot) -> tuple[Found, _Log]:
+    """Return what a search finds with the values that several changes have beside each other; the log then.
+
+    Parameters
+    ----------
+    found, log
+        As they were found one after the other.
+    first, robot
+        The log and the robot as they are described.
+    """
+    changes, nearest, before = list(found.changes), found.done.after, log
+    for place in [*range(len(changes))] * PASSES if len(changes) > 1 else ():
+        level, plain = robot, list(first.runs)
+        for other in (*changes[:place], *changes[place + 1 :]):
+            level, plain = other.by.robot(level, other.values), other.runs(plain)
+        again = retuned(replace(changes[place], level=level), nearest, plain)
+        if again is not None and nearer_by(again.fit, nearest) > 0:
+            changes[place], nearest = again, again.fit
+            log = replace(log, runs=again.runs(plain))
+    if not _nearer(nearest, found.done.after):
+        return found, before
+    done = log.searched(nearest.unknowns.robot, nearest.values)
+    if not _nearer(done.after, found.done.after):
+        return found, before
+    done = replace(done, tried=done.tried + found.done.tried)
+    return replace(found, done=done, plain=done.before, robot=nearest.unknowns.robot, changes=tuple(changes)), log
 
 
 def _asked_gains(found: Found, log: _Log, off: Sequence[LoadScale]) -> tuple[Found, Gains | None, list[LoadScale]]:

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beside import Beside, moved_by_runs
-from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints
+from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints, nearer_by
+from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import LATEST
 from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
@@ -58,6 +61,28 @@ class LateJoints(Change):
         late = np.zeros(run.measured.shape[1])
         late[list(self.joints)] = values
         return late
+
+
+def believed(
+    robot: Robot, runs: Sequence[Run], start: Array, declared: tuple[Sequence[Effect], Sequence[float]]
+) -> list[Run]:
+    """Return stretches with the delays that the robot declares of some drives, or without where these are nearer.
+
+    Parameters
+    ----------
+    robot, runs
+        The robot, and the stretches with what it declares.
+    start, declared
+        Drive parameters to start from, (n, 4), and effects that the robot declares, with their amplitudes.
+    """
+    if not any(np.any(run.extra) for run in runs):
+        return list(runs)
+    alike = [run.later(np.zeros(robot.n)) for run in runs]
+    try:
+        plain, other = (fit_trajectory(robot, each, start, *declared) for each in (alike, runs))
+    except DataError:
+        return list(runs)
+    return alike if nearer_by(plain, other) > 0 else list(runs)
 
 
 def late_joints(before: TrajectoryFit) -> Changed | None:

@@ -144,3 +144,27 @@ def test_integrals_go_on_from_stretch_to_stretch_of_a_file_and_start_afresh_in_t
     assert found[0][250] == pytest.approx(0.0)
     assert found[1][400] == pytest.approx(dt * held[250:400].sum(axis=0))
     assert error_integrals(replace(marked, sources={})) is None
+
+
+def test_an_integral_term_and_a_late_drive_of_one_joint_are_found_beside_each_other(tmp_path: Path) -> None:
+    arm, late = robot(tmp_path), np.array([0.001, 0.005, 0.001])
+    recording = moved(7, 10.0, delay=late, integral=np.array([0.0, RATE * KP[1], 0.0]))
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm))
+    named = {(e.effect, e.joint): e for e in found.effects}
+    assert named.keys() == {("integral_action", "two"), ("torque_delay", "two")}
+    rate, delay = named["integral_action", "two"], named["torque_delay", "two"]
+    assert abs(rate.parameters["rate"] - RATE) < 4 * rate.std_error["rate"] < 0.05
+    assert delay.parameters["delay"] == pytest.approx(0.005, abs=1e-4)
+    assert not found.unexplained
+
+
+@pytest.mark.parametrize("declared", [0.0, 2.0])
+def test_a_declared_integral_term_that_is_wrong_is_told_with_the_right_one(tmp_path: Path, declared: float) -> None:
+    arm, rate = robot(tmp_path), 0.0 if declared else 6.0
+    recording = moved(6, 8.0, integral=np.array([0.0, rate * KP[1], 0.0]))
+    known = replace(arm, effects=(EffectSpec("integral_action", "two", {"rate": declared}),))
+    signals = prepare(read_recording([written(tmp_path, "log.h5", recording)], known), known)
+    found = diagnose_motion(known, signals)
+    assert [(e.effect, e.joint) for e in found.effects] == [("integral_action", "two")]
+    assert found.effects[0].parameters["rate"] == pytest.approx(rate, abs=0.03)
+    assert replay(found.refined, recording).mean_abs < 3e-4

@@ -216,3 +216,14 @@ def test_a_drive_that_acts_later_than_the_others_is_named_with_its_delay(tmp_pat
     delays = {n.joint: n.parameters["delay"] for n in plain.nuisances if n.effect == "torque_delay"}
     assert [delays[name] for name in NAMES] == pytest.approx(late, abs=5e-5)
     assert not plain.settings["trajectory"]["beyond_noise"]  # type: ignore[index]
+
+
+def test_a_declared_delay_that_is_wrong_is_not_believed(tmp_path: Path) -> None:
+    arm, recording = robot(tmp_path), moved(6, 8.0, delay=0.001)
+    known = replace(arm, effects=(EffectSpec("torque_delay", "three", {"delay": 0.006}),))
+    signals = prepare(read_recording([written(tmp_path, "log.h5", recording)], known), known)
+    found = diagnose_motion(known, signals)
+    assert not found.effects
+    delays = {n.joint: n.parameters["delay"] for n in found.after.nuisances if n.effect == "torque_delay"}
+    assert [delays[name] for name in NAMES] == pytest.approx([0.001] * 3, abs=5e-5)
+    assert replay(found.refined, recording).mean_abs < 3e-4
