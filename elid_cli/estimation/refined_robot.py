@@ -116,6 +116,7 @@ def _unknown(found: Identification) -> frozenset[StandardParameter]:
     return frozenset(item.leader for item in unseen if item.leader.kind == "K" and not item.reference > 0)
 
 
+BODIES_KEPT = "Bodies are those of the file before."
 _ELSEWHERE = ("Its value is not from this log", "Their values are not from this log")
 _NEEDED = (
     "Its value is no estimate, only what the prediction needs",
@@ -134,9 +135,7 @@ def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]
     if physical:
         lines.append("Identified by elid as a robot that could be built (--physical).")
     elif found.drives:
-        lines.append(
-            "Identified by elid: the drives, by the motion under commands. Bodies are those of the file before."
-        )
+        lines.append(f"Identified by elid: the drives, by the motion under commands. {BODIES_KEPT}")
     else:
         text = (
             "Identified by elid. A log shows base parameters, sums of those below; of a sum's members, and of what no "

@@ -139,12 +139,16 @@ def _tell_motion(found: MotionDiagnosis, gates: Limits, files: Files, robot: str
     from elid_cli.cli.output import emit, illustrated, note
     from elid_cli.cli.robot_files import write_found
     from elid_cli.diagnosis.by_motion.diagnose import least_squares
-    from elid_cli.estimation.refined_robot import remarks
+    from elid_cli.estimation.refined_robot import BODIES_KEPT, remarks
     from elid_cli.estimation.trajectory.identification import by_trajectory
+    from elid_cli.model.effects import effect_that
     from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_report, named_effects
 
+    loads = [e for e in found.effects if e.effect == effect_that(local=True, whole_robot=True).name]
+    more = "Bodies are those of the file before, the last one with the load that was found." if loads else ""
+    said = [line.replace(BODIES_KEPT, more or BODIES_KEPT) for line in remarks(found.after)]
     written = write_found(
-        Files() if found.partial else files, found.refined, remarks(found.after) if files.write_robot else (),
+        Files() if found.partial else files, found.refined, said if files.write_robot else (),
         found.after, found.after.error,
         lambda other, late: by_trajectory(
             least_squares(other, found.delivered), found.delivered, delays=late, start=found.fit_after.values

@@ -29,8 +29,12 @@ TOLD = 4
 """Parameters of a load that are told, the first of `LINK_PARAMETERS`: its mass and first moments."""
 ARM = 0.1
 """m; first moments and inertias count in the size of those of a mass at this distance."""
-LEAST_ARM = 0.02
-"""m; a load whose mass no joint feels is taken to be at least as far from the joint."""
+LEAST_ARM = 0.03
+"""m; a load is at least as far from the joint's axis, and taken to be where no joint feels its mass."""
+ALONE = 1e-6
+"""Part of a parameter's torques that no other can make, from which it is told."""
+FREELY = 1e3
+"""Times that rotors rather than the load's inertia make up for what is its mass's at a distance."""
 STRENGTH = 0.05
 """Torque by which loads are varied, in parts of the usual Coulomb friction …"""
 LEAST = 1e-6
@@ -45,6 +49,8 @@ class Carried(Change):
     """Which of them the joints feel."""
     size: float = 1.0
     """The robot's mass, kg."""
+    alone: tuple[bool, ...] = ()
+    """Which of the kept ones no other parameter of the body, nor a rotor, can stand for."""
     kind = effect_that(local=True, whole_robot=True)
     summary = "the last body carries a load that the file does not have, or its masses are off by it"
     most = 3.0
@@ -82,7 +88,8 @@ class Carried(Change):
     def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
         """Return the standard errors of mass and first moments; infinite of what is not told."""
         found = self.load(deviations)
-        found[[k for k in range(len(found)) if k >= TOLD or k not in self.kept]] = np.inf
+        told = [k for k, own in zip(self.kept, self.alone, strict=True) if own and k < TOLD]
+        found[[k for k in range(len(found)) if k not in told]] = np.inf
         return found
 
     def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
@@ -110,40 +117,58 @@ def load_of(before: TrajectoryFit) -> Changed | None:
     robot = before.unknowns.robot
     if len(set(robot.parents)) < robot.n or not any(robot.gravity):
         return None
-    kept = _felt(robot)
+    kept, alone = _felt(robot)
     mass = sum(max(float(joint.parameters.get("m", 0.0)), 0.0) for joint in robot.joints)
-    found = changed(before, Carried(kept, mass)) if kept and mass > 0 else None
-    if found is None or not found.sure[[0 < k < TOLD for k in kept]].any():
+    found = changed(before, Carried(kept, mass, alone)) if kept and mass > 0 else None
+    if found is None:
         return None
-    return found
+    load, first = Carried(kept, mass).load(found.values), [0 < k < TOLD for k in kept]
+    off_axis = np.linalg.norm(load[1:TOLD]) > LEAST_ARM * abs(load[0])
+    return found if off_axis and found.sure[first].any() else None
 
 
 def real_load(robot: Robot, load: Array) -> Array:
     """Return parameters (10,) that act as those of a load at the last body do, of a load that there may be.
 
-    What no joint feels is that of a point of that mass where its centre is; a mass that none feels is one in whose
-    centre the last body's is.
+    What no joint feels is that of a point of that mass where its centre is; a mass that none feels, or that rotors can
+    stand for, is as far off as that of the last body.
     """
     body = _of_body(robot)
     found, felt = np.zeros(len(load)), np.abs(body).max(axis=0) > 0
     first = np.where(felt[1:TOLD], load[1:TOLD], 0.0)
     own = robot.joints[-1].parameters
     centre = np.linalg.norm([own.get(name, 0.0) for name in LINK_PARAMETERS[1:TOLD]]) / max(own.get("m", 0.0), 1e-9)
-    mass = float(load[0]) if felt[0] else float(np.linalg.norm(first)) / max(float(centre), LEAST_ARM)
+    mass = float(load[0]) or float(np.linalg.norm(first)) / max(float(centre), LEAST_ARM)
     found[0], found[1:TOLD] = mass, first
     if mass:
         inertia = (first @ first * np.eye(3) - np.outer(first, first)) / mass
         found[TOLD:] = [inertia["xyz".index(name[1]), "xyz".index(name[2])] for name in LINK_PARAMETERS[TOLD:]]
-    found[TOLD:] += np.linalg.lstsq(body[:, TOLD:], body @ (load - found), rcond=1e-9)[0]
+    # what rotors can stand for is theirs: their inertias are found anew with the robot
+    both = np.concatenate([body[:, TOLD:], FREELY * _rotors(robot)], axis=1)
+    found[TOLD:] += np.linalg.lstsq(both, body @ (load - found), rcond=1e-9)[0][: len(load) - TOLD]
     return found
 
 
-def _felt(robot: Robot) -> tuple[int, ...]:
-    """Return the parameters of the last body that neither rotors' inertias nor those before them can stand for."""
-    motion, body = random_motion(robot.n, robot.elastic, samples=24), _of_body(robot).T
-    rotors = (np.eye(robot.n)[:, :, None] * motion.ddq.T[None]).reshape(robot.n, -1)
-    leaders = leftmost(np.concatenate([rotors, body]).T, payload.TOLERANCE, null=0.0).leaders
-    return tuple(int(k) - robot.n for k in leaders if k >= robot.n)
+def _felt(robot: Robot) -> tuple[tuple[int, ...], tuple[bool, ...]]:
+    """Return the parameters of the last body that neither rotors' inertias nor those before them can stand for.
+
+    And which of them those after them cannot, either.
+    """
+    body, rotors = _of_body(robot), _rotors(robot)
+    leaders = leftmost(np.concatenate([rotors, body], axis=1), payload.TOLERANCE, null=0.0).leaders
+    kept = tuple(int(k) - robot.n for k in leaders if k >= robot.n)
+    alone = []
+    for k in kept:
+        others = np.concatenate([rotors, np.delete(body, k, axis=1)], axis=1)
+        left = body[:, k] - others @ np.linalg.lstsq(others, body[:, k], rcond=1e-10)[0]
+        alone.append(bool(np.linalg.norm(left) > ALONE * np.linalg.norm(body[:, k])))
+    return kept, tuple(alone)
+
+
+def _rotors(robot: Robot) -> Array:
+    """Return the columns of the rotors' inertias over all joints and the instants of `_of_body`, (R, n)."""
+    motion = random_motion(robot.n, robot.elastic, samples=24)
+    return (np.eye(robot.n)[:, :, None] * motion.ddq.T[None]).reshape(robot.n, -1).T
 
 
 def _of_body(robot: Robot) -> Array:

@@ -144,7 +144,7 @@ def diagnose_motion(
         _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, told, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
-        untried_of(effect_classes(), robot, only),
+        tuple(name for name in untried_of(effect_classes(), robot, only) if name not in {e.effect for e in of_changes}),
         other_bodies(whole.plain, columns_of(whole.plain)),
         None if done.partial or only else with_free_bodies(
             robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains and robot.n > 1 else [])]

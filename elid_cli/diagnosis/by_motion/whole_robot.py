@@ -38,6 +38,8 @@ from elid_cli.signals.signals import Signals
 
 CHANGES = 3
 """Most changes that are taken one after the other."""
+EXPLAINED = 0.8
+"""Part of the squared error that a change must take alone which is named only where it explains all but noise."""
 PASSES = 3
 """Times that each of several is found again beside the others."""
 
@@ -235,7 +237,8 @@ def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence
     if again is not None and _nearer(again.fit, done.after):
         change, other = again, replace(log, runs=again.runs(log.runs))
         done = other.searched(change.robot, change.fit.values)
-    if change.by.whole and (done.after.above_noise(log.signals) >= ABOVE).any():
+    short = change.gain(found.plain) < EXPLAINED or (done.after.above_noise(log.signals) >= ABOVE).any()
+    if change.by.whole and short:
         return found, log
     done = replace(done, tried=done.tried + found.done.tried)
     changes, rivals = (*found.changes, change), (*found.rivals, *rivals)
