@@ -88,7 +88,7 @@ def written(folder: Path, recording: Recording) -> str:
 def test_a_tool_is_told_in_kilograms_and_the_written_robot_carries_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arm, other = described(tmp_path), moved(2, TOOL, 6.0)
+    arm, other = described(tmp_path), moved(2, TOOL, 4.0)
     log, out = written(tmp_path, moved(1, TOOL)), str(tmp_path / "found.xml")
     found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("payload", None)]
