@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.carried import load_of
+from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
 from elid_cli.diagnosis.by_motion.poses import effects_of, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.torque_gains import (
@@ -120,6 +121,10 @@ class _Log:
         right = replace(self.signals, tau=self.signals.tau / ratio)
         return replace(self, signals=right, runs=[run.delivering(ratio) for run in self.runs])
 
+    def is_left(self, fit: TrajectoryFit) -> bool:
+        """Whether a fit leaves more than the encoders' noise at a joint."""
+        return bool((fit.above_noise(self.signals) >= DOUBTED).any())
+
     def may(self, kind: type[Effect]) -> bool:
         """Whether an effect may be tried."""
         return not self.only or kind.name in self.only
@@ -163,7 +168,7 @@ def _together(found: Found, log: _Log, first: _Log, robot: Robot) -> tuple[Found
         The log and the robot as they are described.
     """
     changes, nearest, before = list(found.changes), found.done.after, log
-    for place in [*range(len(changes))] * PASSES if len(changes) > 1 else ():
+    for place in [*range(len(changes))] * PASSES if len(changes) > 1 and log.is_left(nearest) else ():
         level, plain = robot, list(first.runs)
         for other in (*changes[:place], *changes[place + 1 :]):
             level, plain = other.by.robot(level, other.values), other.runs(plain)
@@ -233,7 +238,7 @@ def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence
     if not _nearer(done.after, found.done.after):
         return found, log
     # what was found with it may have moved its values, as it moved what was found before
-    again = retuned(change, done.after, log.runs)
+    again = retuned(change, done.after, log.runs) if log.is_left(done.after) else None
     if again is not None and _nearer(again.fit, done.after):
         change, other = again, replace(log, runs=again.runs(log.runs))
         done = other.searched(change.robot, change.fit.values)

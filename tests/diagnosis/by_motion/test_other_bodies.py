@@ -42,7 +42,7 @@ def test_bodies_that_come_nearer_than_effects_are_told_first(
     text = Path(path).read_text()
     # a body of another mass alone, at another place: neither a gain nor a spring is the same
     Path(path).write_text(text.replace('pos="0 0 -0.2" mass="0.8"', 'pos="0.05 0 -0.12" mass="0.7"'))
-    log, out = plant.written(tmp_path, "log.h5", plant.moved(5, 10.0)), str(tmp_path / "found.yaml")
+    log, out = plant.written(tmp_path, "log.h5", plant.moved(5, 7.0)), str(tmp_path / "found.yaml")
     assert main(["diagnose", log, "--robot", path, "--write-robot", out, "--json", "--fail-on-effect"]) == 1
     said = capsys.readouterr()
     found = json.loads(said.out)

@@ -94,7 +94,7 @@ def test_a_declared_zero_or_tilt_turns_the_robot_that_is_simulated(
 def test_zeros_of_two_encoders_are_found_beside_a_friction(tmp_path: Path) -> None:
     arm, only = robot(tmp_path), np.array([0.0, 0.0, 1.0])
     zeros = np.array([0.06, -0.04, 0.0])
-    recording = moved(5, 12.0, tilt=zeros, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
+    recording = moved(5, 9.0, tilt=zeros, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
     signals = prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("stribeck", "link_spring", "gravity_direction", "encoder_zero"))
     named = {(e.effect, e.joint): e for e in found.effects}
@@ -106,14 +106,14 @@ def test_zeros_of_two_encoders_are_found_beside_a_friction(tmp_path: Path) -> No
 
 def test_a_tilted_base_is_found_beside_another_effect_and_a_steep_one_is_not_guessed(tmp_path: Path) -> None:
     arm, only = robot(tmp_path), np.array([0.0, 0.0, 1.0])
-    recording = moved(5, 12.0, tilt=0.06, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
+    recording = moved(5, 9.0, tilt=0.06, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
     signals = prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("stribeck", "link_spring", "gravity_direction"))
     assert {(e.effect, e.joint) for e in found.effects} == {("gravity_direction", None), ("stribeck", "three")}
     assert found.effects[0].parameters["pitch"] == pytest.approx(0.06, rel=0.02)
     assert named_effects(found)[0].startswith("pendulums: ")
     assert not found.unexplained
-    steep = moved(5, 8.0, tilt=0.6)
+    steep = moved(5, 6.0, tilt=0.6)
     signals = prepare(read_recording([written(tmp_path, "steep.h5", steep)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("link_spring", "gravity_direction"))
     assert "gravity_direction" not in {e.effect for e in found.effects}
