@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from elid_cli.cli.output import note
 from elid_cli.errors import ElidError, UsageError
-from elid_cli.files import check_target, check_writable, write_text
+from elid_cli.files import check_target, write_text
 
 if TYPE_CHECKING:
     from elid_cli.cli.options import Files, Output
     from elid_cli.estimation.judgement import JointError
     from elid_cli.estimation.result import Identification
-    from elid_cli.estimation.sampling.sets import ParameterSets
     from elid_cli.robot.robot import EffectSpec, Robot
 
 FOREIGN = (".urdf", ".xml", ".mjcf")
@@ -310,48 +309,8 @@ def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> Non
         write_text(path, edit.text())
 
 
-def check_sets(out: str | None, robot: str | None) -> None:
-    """Refuse, before any work is done, a place where parameter sets cannot be written (UsageError)."""
-    from elid_cli.estimation.sampling.files import TABLES
-
-    if out is None:
-        return
-    path = Path(out)
-    if not _is_folder(path):
-        check_target(path, TABLES, "parameter sets")
-        return
-    if robot is None:
-        raise UsageError(f"-o {out}: a folder is for robot files", hint="--robot ROBOT, or -o sets.csv")
-    check_writable(path / "sets.csv" if path.is_dir() else path)
-
-
-def write_sets(sets: ParameterSets, path: Path) -> list[str]:
-    """Write sets as a table, or into a folder: a robot file for each, and the table beside them.
-
-    Returns
-    -------
-    list
-        What the robot files cannot hold, in sentences.
-    """
-    from elid_cli.estimation.sampling.files import write_csv, write_npz
-
-    if not _is_folder(path):
-        (write_npz if path.suffix.lower() == ".npz" else write_csv)(sets, path)
-        return []
-    try:
-        path.mkdir(exist_ok=True)
-    except OSError as problem:
-        raise UsageError(f"{path}: cannot be made", detail=str(problem.strerror).lower()) from problem
-    robots = sets.robots()
-    suffix = Path(robots[0].source).suffix or ".yaml"
-    digits = len(str(len(robots)))
-    for number, robot in enumerate(robots, start=1):
-        write_described(robot, str(path / f"set_{number:0{digits}d}{suffix}"))
-    write_csv(sets, path / "sets.csv")
-    lost = _lost(robots[0], f"set{suffix}")
+def not_held(robot: Robot, path: str) -> list[str]:
+    """Return in sentences what a file of this name does not hold of a robot, stiffnesses and effects."""
+    lost = _lost(robot, path)
     effects = [f"{_named(lost)}: the format cannot hold it"] if lost else []
-    return [f"{path}: {sentence}" for sentence in (*_without_springs(robots[0], f"set{suffix}"), *effects)]
-
-
-def _is_folder(path: Path) -> bool:
-    return path.is_dir() or not path.suffix
+    return [*_without_springs(robot, path), *effects]

@@ -15,6 +15,7 @@ from elid_cli.model.coordinates import Coordinates
 from elid_cli.model.drives import Drives
 from elid_cli.model.rollout import STEP
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.command_torque import integrals
 from elid_cli.signals.recording import Recording
 
 SHORTEST = 5
@@ -121,7 +122,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     motor = _either(recording.theta, recording.q)
     _need(link, robot, "position")
     told, kp, kd = _told(recording, robot, commanded=commanded)
-    aims, before = _aims(recording, link) if commanded else (None, None)
+    aims, before = integrals(recording, link) if commanded else (None, None)
     limit = robot.torque_limits
     elastic = np.array([joint.elastic for joint in robot.joints])
     speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
@@ -172,24 +173,6 @@ def _told(recording: Recording, robot: Robot, *, commanded: bool) -> tuple[Array
     wanted = parts["q_des"]
     told = known["kp"] * (np.nan if wanted is None else wanted) + known["kd"] * known["dq_des"] + known["tau_ff"]
     return told, known["kp"], known["kd"]
-
-
-def _aims(recording: Recording, measured: Array) -> tuple[Array, Array]:
-    """Return the integrals of commanded and of measured positions from each file's start on, rad·s (m·s), (N, n) each.
-
-    Between stretches nothing is added.
-    """
-    found = np.zeros((2, *measured.shape))
-    source, last = -1, np.zeros((2, 1, measured.shape[1]))
-    for segment in recording.segments:
-        part = slice(segment.start, segment.stop)
-        last = np.where(segment.source == source, last, 0.0)
-        q = np.nan_to_num(measured[part])
-        held = np.nan_to_num(recording.commands["q_des"][part][:-1]), 0.5 * (q[1:] + q[:-1])
-        found[:, part] = last
-        found[:, segment.start + 1 : segment.stop] += recording.dt * np.cumsum(held, axis=1)
-        source, last = segment.source, found[:, segment.stop - 1 : segment.stop]
-    return found[0], found[1]
 
 
 def _need(values: Array | None, robot: Robot, what: str) -> None:

@@ -45,15 +45,24 @@ def error_integrals(recording: Recording) -> Array | None:
     """
     if not recording.commanded.any():
         return None
-    found, last, source = np.zeros((2, *recording.tau.shape)), np.zeros((2, 1, recording.n)), -1
+    asked, done = integrals(recording, recording.theta, recording.commands["kp"])
+    return np.array([asked - done, asked])
+
+
+def integrals(recording: Recording, measured: Array, gain: Array | float = 1.0) -> Array:
+    """Return the integrals of a gain times commanded and times measured positions from each file's start on, (2, N, n).
+
+    Commands are held for their sample; between stretches nothing is added.
+    """
+    weight = np.broadcast_to(np.nan_to_num(gain), measured.shape)
+    found, last, source = np.zeros((2, *measured.shape)), np.zeros((2, 1, measured.shape[1])), -1
     for segment in recording.segments:
         part = slice(segment.start, segment.stop)
         last = np.where(segment.source == source, last, 0.0)
-        q, kp = np.nan_to_num(recording.theta[part]), np.nan_to_num(recording.commands["kp"][part][:-1])
-        asked = np.nan_to_num(recording.commands["q_des"][part][:-1])
-        error = asked - 0.5 * (q[1:] + q[:-1])
+        q, asked = np.nan_to_num(measured[part]), np.nan_to_num(recording.commands["q_des"][part][:-1])
+        each = weight[part][:-1] * np.array([asked, 0.5 * (q[1:] + q[:-1])])
         found[:, part] = last
-        found[:, segment.start + 1 : segment.stop] += recording.dt * np.cumsum([kp * error, kp * asked], axis=1)
+        found[:, segment.start + 1 : segment.stop] += recording.dt * np.cumsum(each, axis=1)
         source, last = segment.source, found[:, segment.stop - 1 : segment.stop]
     return found
 

@@ -48,7 +48,7 @@ def sample(
     from pathlib import Path
 
     from elid_cli.cli.output import emit, illustrated, note
-    from elid_cli.cli.robot_files import check_sets, write_sets
+    from elid_cli.cli.set_files import check_sets, write_sets
     from elid_cli.estimation.sampling.files import RANGES, write_ranges
     from elid_cli.estimation.sampling.sets import sample as draw
     from elid_cli.files import check_target

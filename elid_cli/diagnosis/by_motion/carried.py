@@ -12,7 +12,9 @@ from types import MappingProxyType
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.trajectory.changes import Change, Changed, changed
+from elid_cli.diagnosis.by_motion.torque_gains import CHECK, gain_name
+from elid_cli.diagnosis.result import Rival
+from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
@@ -125,6 +127,25 @@ def load_of(before: TrajectoryFit) -> Changed | None:
     load, first = Carried(kept, mass).load(found.values), [0 < k < TOLD for k in kept]
     off_axis = np.linalg.norm(load[1:TOLD]) > LEAST_ARM * abs(load[0])
     return found if off_axis and found.sure[first].any() else None
+
+
+def load_rivals(change: Changed, before: TrajectoryFit) -> tuple[Rival, ...]:
+    """Return wrong gains as a rival of a load of a one-joint robot: one in line with the body's own centre is the same.
+
+    `before` is the fit without.
+    """
+    by, level = change.by, change.level
+    if not isinstance(by, Carried) or level.n > 1:
+        return ()
+    own = np.array([level.joints[0].parameters.get(name, 0.0) for name in LINK_PARAMETERS[1:TOLD]])
+    felt = np.isin(np.arange(1, TOLD), by.kept)
+    own, load, error = np.where(felt, own, 0.0), by.load(change.values)[1:TOLD], by.load(change.deviations)[1:TOLD]
+    size = float(own @ own)
+    share = float(own @ load) / size if size else 0.0
+    if share <= -1.0 or np.linalg.norm(load - share * own) > SURE * np.linalg.norm(error):
+        return ()
+    name = level.joint_names[0]
+    return (Rival(gain_name(), name, by.kind.name, change.gain(before), {"gain": share}, CHECK),)
 
 
 def real_load(robot: Robot, load: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.carried import load_of
+from elid_cli.diagnosis.by_motion.carried import load_of, load_rivals
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
 from elid_cli.diagnosis.by_motion.poses import effects_of, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
@@ -33,6 +33,7 @@ from elid_cli.estimation.trajectory.integral_terms import integral_terms
 from elid_cli.estimation.trajectory.late_joints import late_joints
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.of_drives import with_drives
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -118,7 +119,7 @@ class _Log:
 
     def delivering(self, ratio: Array) -> _Log:
         """Return the log of drives that deliver the computed torque over a ratio, (n,)."""
-        right = replace(self.signals, tau=self.signals.tau / ratio)
+        right = with_drives(self.signals, np.zeros(len(ratio)), ratio)
         return replace(self, signals=right, runs=[run.delivering(ratio) for run in self.runs])
 
     def is_left(self, fit: TrajectoryFit) -> bool:
@@ -246,7 +247,7 @@ def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence
     if change.by.whole and short:
         return found, log
     done = replace(done, tried=done.tried + found.done.tried)
-    changes, rivals = (*found.changes, change), (*found.rivals, *rivals)
+    changes, rivals = (*found.changes, change), (*found.rivals, *rivals, *load_rivals(change, found.plain))
     return replace(found, done=done, plain=done.before, robot=change.robot, changes=changes, gains=None,
                    rivals=rivals), other  # fmt: skip
 

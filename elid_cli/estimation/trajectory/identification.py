@@ -165,12 +165,19 @@ def declared_along(robot: Robot, run: Run) -> tuple[list[Effect], list[float]]:
     ]
 
 
-def started_from(robot: Robot, signals: Signals) -> Array:
-    """Return drive parameters to start from, (n, 4): least squares joint by joint, the bodies as the file says."""
+def torque_of_drives(robot: Robot, signals: Signals) -> Array:
+    """Return the torque that the bodies as the file has them leave to drives, along the measured motion, (N, n)."""
     motion = signals.motion
     q, dq, ddq = motion.theta, motion.dtheta, motion.ddtheta
     local = Linearised(robot, without=PARAMETERS).about(q[:, None], dq[:, None])
-    left = signals.tau - local.force[:, 0] - np.einsum("nij,nj->ni", local.mass[:, 0], ddq)
+    left: Array = signals.tau - local.force[:, 0] - np.einsum("nij,nj->ni", local.mass[:, 0], ddq)
+    return left
+
+
+def started_from(robot: Robot, signals: Signals) -> Array:
+    """Return drive parameters to start from, (n, 4): least squares joint by joint, the bodies as the file says."""
+    dq, ddq = signals.motion.dtheta, signals.motion.ddtheta
+    left = torque_of_drives(robot, signals)
     values = np.empty((robot.n, len(KINDS)))
     for k in range(robot.n):
         speed = dq[:, k]

@@ -11,10 +11,9 @@ from elid_cli._types import Array
 from elid_cli.estimation.trajectory.beside import Beside, moved_by_runs
 from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.unknowns import PARAMETERS
+from elid_cli.estimation.trajectory.identification import torque_of_drives
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_integrals
-from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -128,20 +127,23 @@ def shown_rates(fit: TrajectoryFit, signals: Signals) -> Array:
     robot, found = fit.unknowns.robot, np.zeros(fit.unknowns.robot.n)
     if signals.error_integrals is None:
         return found
-    motion, integral = signals.motion, signals.error_integrals[0]
-    q, dq, ddq = motion.theta, motion.dtheta, motion.ddtheta
-    local = Linearised(robot, without=PARAMETERS).about(q[:, None], dq[:, None])
-    left = signals.tau - local.force[:, 0] - np.einsum("nij,nj->ni", local.mass[:, 0], ddq)
-    inside = np.zeros((len(q), fit.unknowns.recordings), dtype=bool)
+    dq, ddq, integral = signals.motion.dtheta, signals.motion.ddtheta, signals.error_integrals[0]
+    left, known = torque_of_drives(robot, signals), declared_integrals(robot)
+    inside = np.zeros((len(dq), fit.unknowns.recordings), dtype=bool)
     for segment in signals.segments:
         inside[segment.start : segment.stop, segment.source] = True
     for k in range(robot.n):
         use = inside.any(axis=1) & np.isfinite(left[:, k])
         columns = np.column_stack([ddq[:, k], np.sign(dq[:, k]), dq[:, k], inside, integral[:, k]])[use]
-        bare, whole = (np.linalg.lstsq(part, left[use, k], rcond=None)[0] for part in (columns[:, :-1], columns))
-        without, beside = (float(np.sum((left[use, k] - part @ step) ** 2))
-                           for part, step in ((columns[:, :-1], bare), (columns, whole)))  # fmt: skip
-        rate = -float(whole[-1])
-        if beside < (1.0 - HELPS) * without and abs(rate) < IntegralTerms.most:
-            found[k] = max(rate, -float(declared_integrals(robot)[k]))
+        _, bare = _fitted(columns[:, :-1], left[use, k])
+        step, whole = _fitted(columns, left[use, k])
+        rate = -float(step[-1])
+        if whole < (1.0 - HELPS) * bare and abs(rate) < IntegralTerms.most:
+            found[k] = max(rate, -float(known[k]))
     return found
+
+
+def _fitted(columns: Array, target: Array) -> tuple[Array, float]:
+    """Return the coefficients of columns (N, C) by least squares, and the squared error that they leave."""
+    step = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
+    return step, float(np.sum((target - columns @ step) ** 2))

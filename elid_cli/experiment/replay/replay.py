@@ -232,10 +232,6 @@ def _of_channels(robot: Robot) -> tuple[Array, tuple[str, ...]]:
         kind, joint = resolve(robot, spec)
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
-        elif (
-            kind.of_drive not in ("gain", "integral")
-            and kind.corrects is None
-            and not (kind.of_channel or can_act(kind))
-        ):
+        elif not (kind.of_drive in ("gain", "integral") or kind.corrects or kind.of_channel or can_act(kind)):
             left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
     return offsets, tuple(left)

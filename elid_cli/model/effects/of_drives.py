@@ -67,4 +67,7 @@ def with_drives(signals: Signals, integrals: Array, gains: Array | float = 1.0) 
         return signals
     error, asked = signals.error_integrals
     commanded = None if signals.command_torque is None else (signals.command_torque + integrals * asked) / gains
-    return replace(signals, tau=(signals.tau + integrals * error) / gains, command_torque=commanded)
+    return replace(
+        signals, tau=(signals.tau + integrals * error) / gains, command_torque=commanded,
+        error_integrals=signals.error_integrals / gains,
+    )  # fmt: skip

@@ -145,7 +145,7 @@ def _missing(found: MotionDiagnosis) -> str:
         return f"{first}{'' if first else none}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
-        joint = effect.joint or found.robot.name
+        joint = _place(found, effect)
         if joint not in places.setdefault(effect.effect, []):
             places[effect.effect].append(joint)
     changed = [d for d in found.differing if d.changed_at is not None and d.of_effect]
@@ -311,8 +311,15 @@ def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> s
     return inputs.command("identify", found.recording, robot_argument, "--fit", "trajectory")
 
 
+def _place(found: MotionDiagnosis, effect: FoundEffect) -> str:
+    """Return where an effect is, in words: its joint, the last one of a load, or the robot."""
+    kind = effect_classes().get(effect.effect)
+    load = kind is not None and kind.whole_robot and kind.local
+    return effect.joint or (found.robot.joint_names[-1] if load else found.robot.name)
+
+
 def named_effects(found: MotionDiagnosis) -> Sequence[str]:
     """Return what `--fail-on-effect` says is missing, one sentence each."""
     library = effect_classes()
-    lacks = [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects if e.effect in library]
+    lacks = [f"{_place(found, e)}: the model lacks {e.effect}" for e in found.effects if e.effect in library]
     return [*lacks, *([f"{found.robot.name}: the bodies are others"] if found.free_bodies is not None else [])]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion import plant
 
 NAMES, DT, FINE = ("upper", "fore"), 0.005, 40
 LENGTH, CENTRES, MASSES, INERTIAS = 0.35, (0.18, 0.15), (1.5, 0.8), (0.02, 0.008)
@@ -109,6 +111,25 @@ def test_a_tool_is_told_in_kilograms_and_the_written_robot_carries_it(
     again = read_robot(out)
     assert again.joints[1].parameters["m"] == pytest.approx(MASSES[1] + TOOL, rel=0.01)
     assert replay(again, other).mean_abs < 2e-4
+
+
+def test_a_wrong_gain_of_a_single_joint_is_told_beside_the_load_that_it_looks_like(tmp_path: Path) -> None:
+    recording = plant.moved(4, 8.0)
+    alone = {name: values[:, :1] for name, values in recording.commands.items()}
+    alone |= {name: 1.2 * alone[name] for name in ("kp", "kd")}
+    q = recording.q[:, :1]
+    only = replace(recording, joints=("one",), q=q, theta=q, tau=recording.tau[:, :1], dq=None, commands=alone)
+    path = tmp_path / "one.xml"
+    path.write_text(
+        '<mujoco model="one"><worldbody><body name="b"><joint name="one" type="hinge" axis="0 1 0"/><inertial '
+        f'pos="0 0 -{plant.REACH[0]}" mass="{plant.MASS[0]}" diaginertia="0.02 0.02 0.02"/></body></worldbody></mujoco>'
+    )
+    arm = read_robot(path)
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, only)], arm), arm))
+    assert [e.effect for e in found.effects] == ["payload"]
+    (rival,) = (r for r in found.also_possible if r.effect == "torque_gain")
+    assert (rival.joint, rival.instead_of) == ("one", "payload")
+    assert rival.parameters["gain"] == pytest.approx(0.2, abs=0.01)
 
 
 def test_no_tool_is_told_where_there_is_none_or_another_body_is_off(tmp_path: Path) -> None:

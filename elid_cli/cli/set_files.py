@@ -1,0 +1,58 @@
+"""Where parameter sets are written: a table, or a folder of robot files with the table beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from elid_cli.cli.robot_files import not_held, write_described
+from elid_cli.errors import UsageError
+from elid_cli.files import check_target, check_writable
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.sampling.sets import ParameterSets
+
+
+def check_sets(out: str | None, robot: str | None) -> None:
+    """Refuse, before any work is done, a place where parameter sets cannot be written (UsageError)."""
+    from elid_cli.estimation.sampling.files import TABLES
+
+    if out is None:
+        return
+    path = Path(out)
+    if not _is_folder(path):
+        check_target(path, TABLES, "parameter sets")
+        return
+    if robot is None:
+        raise UsageError(f"-o {out}: a folder is for robot files", hint="--robot ROBOT, or -o sets.csv")
+    check_writable(path / "sets.csv" if path.is_dir() else path)
+
+
+def write_sets(sets: ParameterSets, path: Path) -> list[str]:
+    """Write sets as a table, or into a folder: a robot file for each, and the table beside them.
+
+    Returns
+    -------
+    list
+        What the robot files cannot hold, in sentences.
+    """
+    from elid_cli.estimation.sampling.files import write_csv, write_npz
+
+    if not _is_folder(path):
+        (write_npz if path.suffix.lower() == ".npz" else write_csv)(sets, path)
+        return []
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as problem:
+        raise UsageError(f"{path}: cannot be made", detail=str(problem.strerror).lower()) from problem
+    robots = sets.robots()
+    suffix = Path(robots[0].source).suffix or ".yaml"
+    digits = len(str(len(robots)))
+    for number, robot in enumerate(robots, start=1):
+        write_described(robot, str(path / f"set_{number:0{digits}d}{suffix}"))
+    write_csv(sets, path / "sets.csv")
+    return [f"{path}: {sentence}" for sentence in not_held(robots[0], f"set{suffix}")]
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() or not path.suffix
