@@ -1,7 +1,8 @@
 """The user's own URDF or MJCF with new parameters: everything else stays as it is.
 
 What changed of a body is added to the link that its joint moves: links behind fixed or locked joints keep their own
-inertia. A body whose parameters did not change is not touched.
+inertia, but where that link would be no body then. It has those of the links fixed to it as well in that case, and
+they none: one of them may be a tool that the robot does not carry. A body that did not change is not touched.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import LARGEST, read_text
 from elid_cli.robot.files import robot_from_text
+from elid_cli.robot.fixed_bodies import fixed_to, joined
 from elid_cli.robot.frames import translation
-from elid_cli.robot.inertia import about_centre, inertial_parameters, moved, pseudo_inertia, real_tensor
+from elid_cli.robot.inertia import moved, pseudo_inertia, real_tensor
 from elid_cli.robot.locking import locked
 from elid_cli.robot.mjcf.elements import stiffness_and_rest
 from elid_cli.robot.mjcf.read import SPRING, MjcfTree, MovingJoint
@@ -29,13 +31,14 @@ from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 from elid_cli.robot.urdf.read import link_inertia
 from elid_cli.robot.urdf.write import UNLIMITED, in_joint_frames, unreal_bodies
 from elid_cli.robot.urdf.xml import Element
+from elid_cli.robot.written_bodies import inertial, is_real, loaded
 from elid_cli.robot.xml_edit import XmlEdit
 from elid_cli.robot.xml_text import xml_attributes, xml_number, xml_numbers
 from elid_cli.robot.zeros import with_zeros, zero_between
 
 SAME = 1e-12
 """Relative change below which a number is left as the file has it."""
-_PHYSICAL = "full physical parameters first: elid identify … --physical"
+_MASSLESS = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
 
 
 def patched(robot: Robot, remarks: Sequence[str] = (), further: Mapping[str, Mapping[str, str]] | None = None) -> str:
@@ -74,7 +77,7 @@ def patched(robot: Robot, remarks: Sequence[str] = (), further: Mapping[str, Map
     if edit.root.tag == "mujoco":
         _patch_mjcf(edit, text, robot, changes, further or {})
     else:
-        _patch_urdf(edit, changes)
+        _patch_urdf(edit, changes, bool(robot.held))
     return edit.text()
 
 
@@ -82,10 +85,13 @@ def _change(old: Joint, new: Joint) -> Array | None:
     """Return what a body's 4x4 pseudo-inertia changed by, in its joint's frame; None where it did not."""
     if "m" not in new.parameters:
         return None
-    before, after = (
-        pseudo_inertia(np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS])) for joint in (old, new)
-    )
+    before, after = _whole(old), _whole(new)
     return after - before if np.abs(after - before).max() > SAME * np.abs(after).max() else None
+
+
+def _whole(joint: Joint) -> Array:
+    """Return the 4x4 pseudo-inertia of all that a joint carries up to the next, in its frame."""
+    return pseudo_inertia(np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS]))
 
 
 class _Change(NamedTuple):
@@ -120,7 +126,7 @@ def _said(joint: Joint) -> dict[str, str]:
     return said
 
 
-def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
+def _patch_urdf(edit: XmlEdit, changes: _Changes, locks: bool) -> None:
     links = {link.attributes.get("name"): link for link in edit.root.all("link")}
     own = {e.attributes["joint"]: e for e in edit.root.all("elid") if "joint" in e.attributes}
     unreal = []
@@ -132,10 +138,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
         child = element.one("child")
         if change is not None and child is not None:
             link = links[child.attributes["link"]]
-            known = link_inertia(link)
-            ten = _inertial(change + (0 if known is None else known), f"link {link.attributes['name']!r}")
-            _put(edit, link, ten)
-            if not real_tensor(ten[2]) and (known is None or _is_real(known)):
+            if not _add_to_link(edit, link, change, None if locks else _whole(joint)):
                 unreal.append(link.attributes["name"])
         _set(edit, element, "dynamics", _named(joint, (("damping", "fv"), ("friction", "fs"))))
         if limit is not None:
@@ -150,6 +153,23 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
                 edit.add_first(edit.root, f"<elid {xml_attributes(said)}/>")
     if unreal:  # kinematics libraries load them, MuJoCo and others refuse
         edit.comment(unreal_bodies(unreal))
+
+
+def _add_to_link(edit: XmlEdit, link: Element, change: Array, whole: Array | None) -> bool:
+    """Add to a link's inertia; return whether the link is a real body then, or was none before.
+
+    Where it would be none, it gets `whole`, what it and those fixed to it are together, if that is a body.
+    """
+    known, carried = link_inertia(link), fixed_to(edit.root, link)
+    body = change + (0 if known is None else known)
+    if carried and whole is not None and not is_real(body) and is_real(whole):
+        body = whole
+        for other in carried:
+            edit.replace(next(other.all("inertial")), "")
+        edit.comment(joined(link, carried))
+    ten = inertial(body, f"link {link.attributes['name']!r}")
+    _put(edit, link, ten)
+    return real_tensor(ten[2]) or not (known is None or is_real(known))
 
 
 def _origin_at(element: Element, joint: Joint, zero: float) -> dict[str, str]:
@@ -218,32 +238,6 @@ def _put(edit: XmlEdit, link: Element, ten: tuple[float, Array, Array]) -> None:
         _set(edit, old, tag, values)
 
 
-def _inertial(body: Array, what: str) -> tuple[float, Array, Array]:
-    """Return mass, centre and tensor of a body."""
-    ten = inertial_parameters(body)
-    if not ten[0] > 0:
-        raise RobotError(f"{what} would have a mass of {ten[0]:.3g} kg", hint=_PHYSICAL)
-    return about_centre(ten)
-
-
-def _loaded(body: Array, before: Array, what: str) -> tuple[float, Array, Array]:
-    """Return mass, centre and tensor of a body; refuse one that MuJoCo does where the file's own was real."""
-    mass, centre, tensor = _inertial(body, what)
-    if not real_tensor(tensor) and _is_real(before):
-        a, b, c = np.linalg.eigvalsh(tensor)
-        raise RobotError(
-            f"{what} would have the principal moments of inertia {a:.3g}, {b:.3g} and {c:.3g} kg·m²",
-            detail="of a real body they are positive and none exceeds the sum of the others; MuJoCo refuses others",
-            hint=_PHYSICAL,
-        )
-    return mass, centre, tensor
-
-
-def _is_real(body: Array) -> bool:
-    ten = inertial_parameters(body)
-    return bool(ten[0] > 0 and real_tensor(about_centre(ten)[2]))
-
-
 def _patch_mjcf(
     edit: XmlEdit, text: str, robot: Robot, changes: _Changes, further: Mapping[str, Mapping[str, str]]
 ) -> None:
@@ -277,17 +271,34 @@ def _patch_mjcf(
         if item.owner is None or number in meshes:
             why = "its body has nothing but meshes" if number in meshes else "its body has another joint behind it"
             raise RobotError(f"{robot.source}: {item.name}: no <inertial> to write to: {why}", hint="write a .yaml")
-        anchor = translation(*item.element.numbers("pos", (0.0, 0.0, 0.0)))
-        mass, centre, tensor = _loaded(item.own + moved(change, anchor), item.own, f"the body of {item.name}")
-        order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
-        full = f'mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"'
-        inertial = f'<inertial pos="{xml_numbers(centre)}" {full}/>'
-        body = places["body", item.owner.start]
-        old = body.one("inertial")
-        if old is None:
-            edit.add_first(body, inertial)
-        else:
-            edit.replace(old, inertial)
+        _add_to_body(edit, places, item, item.owner, change)
+
+
+def _add_to_body(
+    edit: XmlEdit, places: Mapping[tuple[str, int], Element], item: MovingJoint, owner: Element, change: Array
+) -> None:
+    """Add to the inertia of the body that a joint moves; where that is none then, it gets that of those fixed to it."""
+    anchor = translation(*item.element.numbers("pos", (0.0, 0.0, 0.0)))
+    own = item.own + moved(change, anchor)
+    if item.fixed and item.body is not None and not is_real(own):
+        whole = moved(item.body + change, anchor)
+        if is_real(whole):
+            own = whole
+            for other in item.fixed:
+                _set_inertial(edit, places["body", other.start], _MASSLESS)
+            edit.comment(joined(owner, item.fixed))
+    mass, centre, tensor = loaded(own, item.own, f"the body of {item.name}")
+    order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
+    full = f'mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"'
+    _set_inertial(edit, places["body", owner.start], f'<inertial pos="{xml_numbers(centre)}" {full}/>')
+
+
+def _set_inertial(edit: XmlEdit, body: Element, inertial: str) -> None:
+    old = body.one("inertial")
+    if old is None:
+        edit.add_first(body, inertial)
+    else:
+        edit.replace(old, inertial)
 
 
 def _spring(item: MovingJoint, spring: Mapping[str, float] | None, degrees: bool) -> dict[str, str]:

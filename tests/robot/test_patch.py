@@ -183,3 +183,39 @@ def test_attributes_of_several_numbers_or_words_are_compared_as_they_are() -> No
     assert not _alike("-6.0 6.0", "-5 5")
     assert not _alike("6.0", "-6 6")
     assert not _alike("auto", "true")
+
+
+TOOLED = {
+    "a.xml": '<mujoco model="a"><worldbody><body name="one"><joint name="j" type="hinge" axis="0 1 0"/>'
+    '<inertial pos="0 0 -0.2" mass="0.5" diaginertia="0.01 0.01 0.002"/>'
+    '<body name="tool" pos="0 0 -0.4"><inertial pos="0.02 0 0" mass="0.6" diaginertia="0.001 0.001 0.001"/>'
+    '<geom type="sphere" size="0.03"/><body name="tip" pos="0 0 -0.1"><geom type="sphere" size="0.02"/></body>'
+    "</body></body></worldbody></mujoco>",
+    "a.urdf": '<robot name="a"><link name="base"/><link name="one"><inertial><origin xyz="0 0 -0.2"/>'
+    '<mass value="0.5"/><inertia ixx="0.01" iyy="0.01" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<link name="tool"><inertial><origin xyz="0.02 0 0"/><mass value="0.6"/><inertia ixx="0.001" iyy="0.001" '
+    'izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<joint name="j" type="continuous"><parent link="base"/><child link="one"/><axis xyz="0 1 0"/></joint>'
+    '<joint name="hold" type="fixed"><origin xyz="0 0 -0.4"/><parent link="one"/><child link="tool"/></joint></robot>',
+}
+
+
+@pytest.mark.parametrize("name", list(TOOLED))
+def test_a_tool_of_the_file_that_is_not_there_is_taken_off(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(TOOLED[name])
+    robot = read_robot(tmp_path / name)
+    rod = {"m": 0.5, "cx": 0.0, "cy": 0.0, "cz": -0.1, "Ixx": 0.03, "Iyy": 0.03, "Izz": 0.002}
+    (joint,) = robot.joints
+    text = patched(replace(robot, joints=(replace(joint, parameters={**joint.parameters, **rod, "Ixz": 0.0}),)))
+    assert "one has the mass of what is fixed to it as well (tool" in text
+    again = robot_from_text(text, name)
+    for key, value in rod.items():
+        assert again.joints[0].parameters[key] == pytest.approx(value, abs=1e-12)
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.body_mass.sum() == pytest.approx(0.5)
+    # what a lighter tool leaves of the link is a body: only that changes
+    lighter = {n: v * 0.9 for n, v in joint.parameters.items()}
+    text = patched(replace(robot, joints=(replace(joint, parameters=lighter),)))
+    assert "fixed to it" not in text
+    assert robot_from_text(text, name).joints[0].parameters["m"] == pytest.approx(0.9 * joint.parameters["m"])

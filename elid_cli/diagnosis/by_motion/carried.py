@@ -23,6 +23,7 @@ from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.bodies import last_body
 from elid_cli.model.effects.library import payload
 from elid_cli.model.linearised import Linearised
+from elid_cli.robot.nearest_body import is_body, nearest_body
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion, random_motion
@@ -77,6 +78,20 @@ class Carried(Change):
             own[name] = own.get(name, 0.0) + more
         return replace(level, joints=(*level.joints[:-1], replace(last, parameters=MappingProxyType(own))))
 
+    def written(self, robot: Robot, level: Robot) -> Robot:
+        """Return the robot whose last body is one that there may be: errors of its inertias can make it none.
+
+        One whose body was none before, and one of no mass that is left, stays.
+        """
+        last = robot.joints[-1]
+        own, was = (np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS])
+                    for joint in (last, level.joints[-1]))  # fmt: skip
+        if not own[0] > 0 or not is_body(was):
+            return robot
+        real = dict(zip(LINK_PARAMETERS, nearest_body(own, _of_body(robot)).tolist(), strict=True))
+        body = replace(last, parameters=MappingProxyType({**last.parameters, **real}))
+        return replace(robot, joints=(*robot.joints[:-1], body))
+
     def load(self, values: Array) -> Array:
         """Return the parameters of the load about the frame of the last body, (10,)."""
         found = np.zeros(len(LINK_PARAMETERS))
@@ -119,14 +134,19 @@ def load_of(before: TrajectoryFit) -> Changed | None:
     robot = before.unknowns.robot
     if len(set(robot.parents)) < robot.n or not any(robot.gravity):
         return None
-    kept, alone = _felt(robot)
-    mass = sum(max(float(joint.parameters.get("m", 0.0)), 0.0) for joint in robot.joints)
-    found = changed(before, Carried(kept, mass, alone)) if kept and mass > 0 else None
+    by = load_by(robot)
+    found = changed(before, by) if by.kept and by.size > 0 else None
     if found is None:
         return None
-    load, first = Carried(kept, mass).load(found.values), [0 < k < TOLD for k in kept]
+    load, first = by.load(found.values), [0 < k < TOLD for k in by.kept]
     off_axis = np.linalg.norm(load[1:TOLD]) > LEAST_ARM * abs(load[0])
     return found if off_axis and found.sure[first].any() else None
+
+
+def load_by(robot: Robot) -> Carried:
+    """Return a load as its numbers, those that the joints of a robot feel."""
+    kept, alone = _felt(robot)
+    return Carried(kept, sum(max(float(joint.parameters.get("m", 0.0)), 0.0) for joint in robot.joints), alone)
 
 
 def load_rivals(change: Changed, before: TrajectoryFit) -> tuple[Rival, ...]:

@@ -116,10 +116,9 @@ def diagnose_motion(
     after = as_last(done.after, changes)
     cut = {item.joint: item.limit for item in done.limits}
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
-    integrating = np.sum([change.rates for change in whole.changes], axis=0) if whole.changes else np.zeros(robot.n)
-    told = with_drives(signals, integrating, whole.ratio)
+    told = with_drives(signals, whole.rates, whole.acting)
     told = replace(told, tau=np.clip(told.tau, -bound, bound))
-    refined = identification_of(replace(found, robot=with_limits(whole.robot, cut)), after, told)
+    refined = identification_of(replace(found, robot=with_limits(whole.written, cut)), after, told)
     of_changes = tuple(effect for change in whole.changes for effect in effects_of(change, done.before))
     of_gains = found_gains(robot, done.before, done.after, whole.taken, whole.scaled)
     of_drives = (*of_gains, *(effect for effect in of_changes if effect_classes()[effect.effect].of_drive))

@@ -20,6 +20,7 @@ from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
+from elid_cli.estimation.trajectory.changes import Change
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.unknowns import Unknowns
@@ -41,6 +42,8 @@ MOST = 0.5
 """Part of the joint's squared error that the first step to them may leave."""
 LARGEST = 0.5
 """Part of itself by which a ratio is taken to be off at first."""
+LEAST_RATIO = 0.05
+"""Computed torque over the one that acts, at least."""
 CHECK = "a known payload, held still in several poses, with kp and kd as the drive has them"
 """What separates a torque gain from what imitates it."""
 
@@ -170,6 +173,49 @@ def given_up(
         if scaled[joint] and not clearly_more(mine, its):
             found.append(Rival(item.effect.name, names[joint], gain_name(), item.gain, {}, CHECK))
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class OtherGains(Change):
+    """By how much the computed torque of some joints' drives is larger than the one that acts, in parts of that.
+
+    Beyond what the robot declares.
+    """
+
+    joints: tuple[int, ...]
+    known: tuple[float, ...] = ()
+    """What the robot declares: computed over acting torque, (n,)."""
+    kind = effect_that(of_drive="gain")
+    most = 3.0
+
+    def ratio(self, count: int, values: Array) -> Array:
+        """Return the computed torque over the one that acts of `count` joints, beyond what is declared."""
+        found = np.ones(count)
+        found[list(self.joints)] = np.maximum(1.0 + values, LEAST_RATIO)
+        return found
+
+    def run(self, plain: Run, values: Array) -> Run:
+        """Return the stretch under drives of these gains."""
+        return plain.delivering(self.ratio(plain.measured.shape[1], values))
+
+    def named(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return the whole gains."""
+        found: Array = np.array(self.known)[list(self.joints)] * (1.0 + values) - 1.0
+        return found
+
+    def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
+        """Return their standard errors."""
+        found: Array = np.array(self.known)[list(self.joints)] * deviations
+        return found
+
+    def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
+        """Return what other torques of these drives do."""
+        return [part / np.maximum(1.0 + values, LEAST_RATIO) for part in moved_by_gains(fit, self.joints)]
+
+
+def gains_of(robot: Robot, joints: tuple[int, ...]) -> OtherGains:
+    """Return the gains of some joints' drives as numbers."""
+    return OtherGains(joints, tuple(declared_gains(robot).tolist()))
 
 
 def moved_by_gains(fit: TrajectoryFit, joints: Sequence[int]) -> list[Array]:

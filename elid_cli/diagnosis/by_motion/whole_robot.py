@@ -5,20 +5,22 @@ Springs and other effects of single joints imitate both. A search that knows the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.carried import load_of, load_rivals
+from elid_cli.diagnosis.by_motion.carried import load_by, load_of, load_rivals
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
-from elid_cli.diagnosis.by_motion.poses import effects_of, tilt_of, zeros_of
+from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, effects_of, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
+from elid_cli.diagnosis.by_motion.together import EXPLAINED, Kind, Together, clearly_nearer, with_another
 from elid_cli.diagnosis.by_motion.torque_gains import (
     Gains,
     asked_by_motion,
+    gains_of,
     given_up,
     moved_by_gains,
     nearer,
@@ -29,8 +31,8 @@ from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Changed, nearer_by, retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
-from elid_cli.estimation.trajectory.integral_terms import integral_terms
-from elid_cli.estimation.trajectory.late_joints import late_joints
+from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
+from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import with_drives
@@ -40,10 +42,6 @@ from elid_cli.signals.signals import Signals
 
 CHANGES = 3
 """Most changes that are taken one after the other."""
-EXPLAINED = 0.8
-"""Part of the squared error that a change must take alone which is named only where it explains all but noise."""
-PASSES = 3
-"""Times that each of several is found again beside the others."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,26 @@ class Found:
     """The one whose gains are named."""
     rivals: tuple[Rival, ...] = ()
     """What does as well as these."""
+
+    @property
+    def rates(self) -> Array:
+        """Integral over proportional gain of every joint's drive beyond what is declared, 1/s, (n,)."""
+        found: Array = np.sum([np.zeros(self.robot.n), *(change.rates for change in self.changes)], axis=0)
+        return found
+
+    @property
+    def acting(self) -> Array:
+        """`ratio`, with the gains that were found beside a change."""
+        found: Array = np.prod([self.ratio, *(change.ratio for change in self.changes)], axis=0)
+        return found
+
+    @property
+    def written(self) -> Robot:
+        """The robot as it is changed, with bodies that can be built."""
+        robot = self.robot
+        for change in self.changes:
+            robot = change.by.written(robot, change.level)
+        return robot
 
 
 def searched(
@@ -122,6 +140,11 @@ class _Log:
         right = with_drives(self.signals, np.zeros(len(ratio)), ratio)
         return replace(self, signals=right, runs=[run.delivering(ratio) for run in self.runs])
 
+    def changed(self, asked: Together) -> tuple[_Log, Searched]:
+        """Return the log of drives with changes, and what a search with these finds."""
+        other = replace(self, runs=asked.runs)
+        return other, other.searched(asked.robot, asked.fit.values)
+
     def is_left(self, fit: TrajectoryFit) -> bool:
         """Whether a fit leaves more than the encoders' noise at a joint."""
         return bool((fit.above_noise(self.signals) >= DOUBTED).any())
@@ -134,27 +157,33 @@ class _Log:
 def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
     """Return what a search finds by gains of the drives and by changes, what comes nearer first."""
     found, gains, scales = _asked_gains(plain, log, off)
-    found, change, rivals = _asked_change(found, log)
-    if change is None or (gains is not None and not _nearer(change.fit, gains.fit)):
+    found, asked, rivals = _asked_changes(found, log)
+    if asked is None or (gains is not None and not clearly_nearer(asked.fit, gains.fit)):
         found, log = _by_gains(found, log, gains, scales)
         if found.scaled.any():
-            found, change, rivals = _asked_change(found, log)
-        return _by_changes(found, log, change, rivals)[0]
-    found, log = _by_changes(found, log, change, rivals)
+            found, asked, rivals = _asked_changes(found, log)
+        return _by_changes(found, log, asked, rivals)[0]
+    found, log = _by_changes(found, log, asked, rivals)
     if found.changes:
         found, gains, scales = _asked_gains(found, log, ())
     return _by_gains(found, log, gains, scales)[0]
 
 
-def _by_changes(found: Found, log: _Log, change: Changed | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
+def _by_changes(found: Found, log: _Log, asked: Together | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
     """Return what a search finds with one change after the other, as long as each comes clearly nearer; the log."""
     first, robot = log, found.robot
     for _ in range(CHANGES):
         before = len(found.changes)
-        found, log = _by_change(found, log, change, rivals)
+        found, log = _by_asked(found, log, asked, rivals)
+        if len(found.changes) == before:
+            if asked is None or not asked.whole:
+                break
+            # what is named only where it explains all did not: what else there is
+            found, asked, rivals = _asked_changes(found, log, whole=False)
+            found, log = _by_asked(found, log, asked, rivals)
         if len(found.changes) == before:
             break
-        found, change, rivals = _asked_change(found, log)
+        found, asked, rivals = _asked_changes(found, log)
     return _together(found, log, first, robot)
 
 
@@ -168,22 +197,16 @@ def _together(found: Found, log: _Log, first: _Log, robot: Robot) -> tuple[Found
     first, robot
         The log and the robot as they are described.
     """
-    changes, nearest, before = list(found.changes), found.done.after, log
-    for place in [*range(len(changes))] * PASSES if len(changes) > 1 and log.is_left(nearest) else ():
-        level, plain = robot, list(first.runs)
-        for other in (*changes[:place], *changes[place + 1 :]):
-            level, plain = other.by.robot(level, other.values), other.runs(plain)
-        again = retuned(replace(changes[place], level=level), nearest, plain)
-        if again is not None and nearer_by(again.fit, nearest) > 0:
-            changes[place], nearest = again, again.fit
-            log = replace(log, runs=again.runs(plain))
-    if not _nearer(nearest, found.done.after):
-        return found, before
-    done = log.searched(nearest.unknowns.robot, nearest.values)
-    if not _nearer(done.after, found.done.after):
-        return found, before
+    if len(found.changes) < 2 or not log.is_left(found.done.after):
+        return found, log
+    both = Together(found.changes, found.done.after, tuple(log.runs)).tuned(robot, first.runs)
+    if not clearly_nearer(both.fit, found.done.after):
+        return found, log
+    other, done = log.changed(both)
+    if not clearly_nearer(done.after, found.done.after):
+        return found, log
     done = replace(done, tried=done.tried + found.done.tried)
-    return replace(found, done=done, plain=done.before, robot=nearest.unknowns.robot, changes=tuple(changes)), log
+    return replace(found, done=done, plain=done.before, robot=both.robot, changes=both.changes), other
 
 
 def _asked_gains(found: Found, log: _Log, off: Sequence[LoadScale]) -> tuple[Found, Gains | None, list[LoadScale]]:
@@ -210,46 +233,76 @@ def _by_gains(found: Found, log: _Log, gains: Gains | None, scales: Sequence[Loa
                    rivals=rivals), log  # fmt: skip
 
 
-def _asked_change(found: Found, log: _Log) -> tuple[Found, Changed | None, tuple[Rival, ...]]:
-    """Return the change that brings the motion clearly nearer, with what does as well; None where none does."""
-    asked = (
-        (effect_that(turns_gravity=True), tilt_of), (effect_that(moves_zero=True), zeros_of),
-        (effect_that(nuisance="delay"), late_joints),
-        (effect_that(of_drive="integral"), lambda fit: integral_terms(fit, log.signals)),
-        (effect_that(local=True, whole_robot=True), load_of),
-    )  # fmt: skip
+def _kinds(found: Found, log: _Log, whole: bool = True) -> dict[type[Effect], Kind]:
+    """Return the kinds of changes that have not been found; without `whole`, no load."""
+    kinds = {
+        effect_that(turns_gravity=True): Kind(tilt_of, lambda _: BaseAngles(), local=False),
+        effect_that(moves_zero=True): Kind(zeros_of, Zeros),
+        effect_that(nuisance="delay"): Kind(late_joints, LateJoints, least=LEAST, common=True),
+        # asked for alone where the bodies' weight shows them, see `_asked_gains`
+        effect_that(of_drive="gain"): Kind(None, lambda joints: gains_of(found.robot, joints)),
+        effect_that(of_drive="integral"): Kind(
+            lambda fit: integral_terms(fit, log.signals), lambda joints: terms_of(found.plain, joints)
+        ),
+    }
+    if whole:
+        kinds[effect_that(local=True, whole_robot=True)] = Kind(load_of, lambda _: load_by(found.robot), local=False)
     known = {change.by.kind for change in found.changes}
-    kinds = [(kind, change_of) for kind, change_of in asked if log.may(kind) and kind not in known]
+    known |= {effect_that(of_drive="gain")} if found.scaled.any() else set()
+    return {kind: one for kind, one in kinds.items() if log.may(kind) and kind not in known}
+
+
+def _asked_changes(found: Found, log: _Log, whole: bool = True) -> tuple[Found, Together | None, tuple[Rival, ...]]:
+    """Return the change that brings the motion clearly nearer, with what does as well; None where none does."""
+    kinds = _kinds(found, log, whole)
     # what effects that were found hide is asked for beside them
     for near in (found.plain, *([found.done.after] if found.done.named else [])):
-        tried = [change_of(near) for _, change_of in kinds]
+        tried = [kind.alone(near) for kind in kinds.values() if kind.alone is not None]
         found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
         best, rivals = _simplest([one for one in tried if one is not None], near)
         if best is not None:
-            return found, best, rivals
+            return found, Together.of(best, log.runs), rivals
     return found, None, ()
 
 
-def _by_change(found: Found, log: _Log, change: Changed | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
-    """Return what a search finds with the change, where that comes clearly nearer; the log then."""
-    if change is None:
+def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
+    """Return what a search finds with changes, where they come clearly nearer; the log then."""
+    if asked is None:
         return found, log
-    other = replace(log, runs=change.runs(log.runs))
-    done = other.searched(change.robot, change.fit.values)
-    if not _nearer(done.after, found.done.after):
+    other, done = log.changed(asked)
+    if not clearly_nearer(done.after, found.done.after):
         return found, log
-    # what was found with it may have moved its values, as it moved what was found before
-    again = retuned(change, done.after, log.runs) if log.is_left(done.after) else None
-    if again is not None and _nearer(again.fit, done.after):
-        change, other = again, replace(log, runs=again.runs(log.runs))
-        done = other.searched(change.robot, change.fit.values)
-    short = change.gain(found.plain) < EXPLAINED or (done.after.above_noise(log.signals) >= ABOVE).any()
-    if change.by.whole and short:
+    if log.is_left(done.after):
+        for again, twins in _nearer_yet(found, log, asked, done):
+            if clearly_nearer(again.fit, done.after):
+                more, better = log.changed(again)
+                if clearly_nearer(better.after, done.after):
+                    asked, other, done, rivals = again, more, better, (*rivals, *twins)
+    if asked.whole and (asked.gain(found.plain) < EXPLAINED or (done.after.above_noise(log.signals) >= ABOVE).any()):
         return found, log
     done = replace(done, tried=done.tried + found.done.tried)
-    changes, rivals = (*found.changes, change), (*found.rivals, *rivals, *load_rivals(change, found.plain))
-    return replace(found, done=done, plain=done.before, robot=change.robot, changes=changes, gains=None,
-                   rivals=rivals), other  # fmt: skip
+    rivals = (*rivals, *(rival for change in asked.changes for rival in load_rivals(change, found.plain)))
+    return replace(found, done=done, plain=done.before, robot=asked.robot, changes=(*found.changes, *asked.changes),
+                   gains=None, rivals=(*found.rivals, *rivals)), other  # fmt: skip
+
+
+def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Iterator[tuple[Together, Sequence[Rival]]]:
+    """Yield a change as it is beside what a search found with it, and one that may hide others with what that is.
+
+    With the latter, what does as well.
+    """
+    (change,) = asked.changes
+    again = retuned(change, done.after, log.runs)
+    if again is not None:
+        yield Together.of(again, log.runs), ()
+    if change.by.whole:
+        others = _kinds(found, log)
+        del others[change.by.kind]
+        alone = replace(asked, fit=done.before)
+        both = with_another(alone, found.robot, log.runs, others.values())
+        if both is not None:
+            best = both[0].changes[-1]
+            yield both[0], [rival for twin in both[1] for rival in _rivals(twin, best, alone.fit)]
 
 
 def _simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed | None, tuple[Rival, ...]]:
@@ -261,14 +314,17 @@ def _simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed
     alike = [one for one in near if nearer_by(one.fit, plain) >= most - CLEARLY]
     best = min(alike, key=lambda one: (int(one.sure.sum()), -nearer_by(one.fit, plain)))
     return best, tuple(
-        Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record)
-        for one in alike if one is not best and one.sure.sum() == best.sure.sum() for e in effects_of(one, plain)
+        rival for one in alike if one is not best and one.sure.sum() == best.sure.sum()
+        for rival in _rivals(one, best, plain)
     )  # fmt: skip
 
 
-def _nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
-    """Whether the joints' motion is clearly nearer in one fit than in another, on the whole."""
-    return nearer_by(one, other) > CLEARLY
+def _rivals(one: Changed, best: Changed, before: TrajectoryFit) -> list[Rival]:
+    """Return a change as rivals of the one that is named."""
+    return [
+        Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record)
+        for e in effects_of(one, before)
+    ]
 
 
 def _aware(found: Found) -> TrajectoryFit:

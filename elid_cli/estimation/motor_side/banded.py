@@ -27,6 +27,7 @@ class BandedFactor:
             raise np.linalg.LinAlgError("not positive definite")
         self._width, self._size = len(band) - 1, band.shape[1]
         self._values: Array = factor.ravel(order="F")
+        self._below = np.asfortranarray(np.tri(self._width))
 
     def forward(self, sides: Array) -> Array:
         """Return Uᵀ^-1 times sides (N, k)."""
@@ -35,7 +36,7 @@ class BandedFactor:
             here = found[start:stop]
             if start:
                 before = start - self._width
-                here -= np.tril(self._dense(before, start, start, stop)).T @ found[before:start]
+                here -= self._lower(before, start, start, stop).T @ found[before:start]
             here[:] = lapack().dtrtrs(self._dense(start, stop, start, stop), here, trans=1)[0]
         return found
 
@@ -46,13 +47,18 @@ class BandedFactor:
             here = found[start:stop]
             if stop < self._size:
                 after = min(stop + self._width, self._size)
-                here -= np.tril(self._dense(start, stop, stop, after)) @ found[stop:after]
+                here -= self._lower(start, stop, stop, after) @ found[stop:after]
             here[:] = lapack().dtrtrs(self._dense(start, stop, start, stop), here)[0]
         return found
 
     def _blocks(self) -> list[tuple[int, int]]:
         starts = range(0, self._size, self._width)
         return [(start, min(start + self._width, self._size)) for start in starts]
+
+    def _lower(self, first: int, last: int, left: int, right: int) -> Array:
+        """Return the same where all that lies in the band is left of the diagonal, and zeros right of it."""
+        found: Array = self._dense(first, last, left, right) * self._below[: last - first, : right - left]
+        return found
 
     def _dense(self, first: int, last: int, left: int, right: int) -> NDArray[np.float64]:
         """Return U[first:last, left:right]; what lies outside of its band is of other columns."""

@@ -26,8 +26,9 @@ their valleys up to 1.07, beside them from 1.3 on, with stiffnesses up to 9 % of
 CREEPS, RESTS = 0.03, 1e-4
 """Most that further steps may lower the cost of a fit that leaves noise alone and whose compliances move by less than
 this share: friction's kinks settle last."""
-WIDTHS, QUIETEST = (0.5, 0.25, 2.0), 1.03
-"""Factors on the speed within which friction changes its sign, and the misfit from which on they are tried."""
+WIDTHS, QUIETEST, FAR = (0.5, 0.25, 2.0), 1.03, 1.05
+"""Factors on the speed within which friction changes its sign, the misfit from which on they are tried, and the cost
+over that of the usual one from which on no more of one is looked at."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,10 @@ def concluded(setting: Setting, ends: Sequence[LatentFit], hopeless: Sequence[La
     for factor in WIDTHS:
         with suppress(np.linalg.LinAlgError, ValueError):
             other = replace(setting, samples=replace(setting.samples, width=factor * setting.samples.width))
-            usual = _with_floor(other, found.best, FLOORS[-1][0])
+            limit = found.usual.cost if found.borne else np.inf
+            usual = _with_floor(other, found.best, FLOORS[-1][0], limit)
+            if usual.cost > limit:
+                continue
             others.append((_with_floor(other, usual, SHARPER_FLOORS[0]).chi, other, usual))
     if others:
         _, other, usual = min(others, key=lambda one: one[0])
@@ -124,8 +128,8 @@ def _gone_on(setting: Setting, best: LatentFit) -> tuple[LatentFit, float, Array
     return best, fall, moved
 
 
-def _with_floor(setting: Setting, best: LatentFit, floor: float) -> LatentFit:
-    """Return a fit from another one's end with some least noise of the torque rows.
+def _with_floor(setting: Setting, best: LatentFit, floor: float, limit: float = np.inf) -> LatentFit:
+    """Return a fit from another one's end with some least noise of the torque rows; not to its end far above a limit.
 
     Where sensors are finer than the usual one, what it hides bends a stiffness that little else tells: measured on
     simulated arms with torques to 0.05 % up to 17 %, and 1.2 % after this. Standard errors shrink by more than that
@@ -134,4 +138,5 @@ def _with_floor(setting: Setting, best: LatentFit, floor: float) -> LatentFit:
     """
     problem = setting.problem(best.problem.parts, best.problem.lost_scale)
     problem.filter_torque(setting.cutoff, floor)
-    return fit(problem, best.x, best.coefficients, setting.unknowns.free(), SHARPLY)
+    how = replace(SHARPLY, high=limit, above=FAR * limit)
+    return fit(problem, best.x, best.coefficients, setting.unknowns.free(), how)

@@ -164,30 +164,37 @@ class Climb:
         needed = terms.columns @ x[at["p"]] + self.link.loads(terms, x[at["J"]], band.theta[1], band.theta[2])
         return needed - spring[0], terms, spring, q
 
-    def _slopes(self, x: Array) -> Array:
-        """Return the derivatives of the misfit by the unknowns, (N, n, size)."""
+    def _slopes(self, x: Array, free: NDArray[np.bool_]) -> Array:
+        """Return the derivatives of the misfit by the free unknowns, (free, n, N): instants side by side in memory."""
         _, terms, spring, q = self._misfit(x)
         at, band, n = self.unknowns.places, self._band, self.link.n
         J, c, damping = x[at["J"]], x[at["c"]], x[at["damping"]]
         by_motion = self.link.slopes(q, x[at["p"]], J, (band.theta[1], band.theta[2])).torque
-        found = np.zeros((*spring[0].shape, self.unknowns.size))
-        found[:, :, at["p"]] = terms.columns
+        motions = np.ascontiguousarray(by_motion.transpose(3, 0, 2, 1))
+        found = np.zeros((self.unknowns.size, n, len(spring[0])))
+        found[at["p"]] = terms.columns.transpose(2, 1, 0)
         if len(terms.by_speed):
-            found[:, :, at["J"]] = (
-                terms.by_speed * band.theta[1][:, None] + terms.by_acceleration * band.theta[2][:, None]
-            )
+            loads = terms.by_speed * band.theta[1][:, None] + terms.by_acceleration * band.theta[2][:, None]
+            found[at["J"]] = loads.transpose(2, 1, 0)
+        columns = {name: [row.T.copy() for row in rows] for name, rows in self._columns(band).items()}
+        twisted = [row.T.copy() for row in spring]
         for i in range(n):
-            motions = by_motion[:, :, :, i]
-            for name, rows in self._columns(band).items():
+            for name, rows in columns.items():
                 place = at[name][0 if name == "delay" else i]
-                found[:, i, place] += rows[0][:, i]
+                if not free[place]:
+                    continue
+                found[place, i] += rows[0][i]
                 if c[i]:
-                    lagged = [c[i] * (rows[d][:, i] - damping[i] * rows[d + 1][:, i]) for d in range(3)]
-                    found[:, :, place] += _chain(motions, lagged)
-            bent = [spring[d][:, i] - damping[i] * spring[d + 1][:, i] for d in range(3)]
-            found[:, :, at["c"][i]] -= _chain(motions, bent)
-            found[:, :, at["damping"][i]] += _chain(motions, [c[i] * spring[d + 1][:, i] for d in range(3)])
-        return found
+                    found[place] += _chain(
+                        motions[i], [c[i] * (rows[d][i] - damping[i] * rows[d + 1][i]) for d in range(3)]
+                    )
+            if free[at["c"][i]]:
+                found[at["c"][i]] -= _chain(
+                    motions[i], [twisted[d][i] - damping[i] * twisted[d + 1][i] for d in range(3)]
+                )
+            if free[at["damping"][i]] and c[i]:
+                found[at["damping"][i]] += _chain(motions[i], [c[i] * twisted[d + 1][i] for d in range(3)])
+        return found[free]
 
     def mass(self, x: Array) -> Array:
         """Return each link's mean inertia about its joint, kg·m², (n,), kept positive."""
@@ -249,22 +256,23 @@ class Climb:
         bins = max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
         weight = self._weights(x, cutoff)[:bins]
 
+        window, scale = self._window[:, 0], (self._scale * weight).T
+
         def spectrum(values: Array) -> Array:
-            shape = (-1, *[1] * (values.ndim - 1))
-            parts = rfft(values * self._window.reshape(shape), self._size, axis=0)[:bins]
-            parts = parts * (self._scale * weight).reshape(bins, -1, *[1] * (values.ndim - 2))
-            found: Array = np.reshape(
-                np.concatenate([parts.real, parts.imag]), (2 * bins * self.link.n, *values.shape[2:])
-            )
+            """Return the weighted spectra of signals (..., n, N), real parts and imaginary ones, (..., n 2 bins)."""
+            parts = rfft(values * window, self._size)[..., :bins] * scale
+            found: Array = np.concatenate([parts.real, parts.imag], axis=-1).reshape(*values.shape[:-2], -1)
             return found
 
         def residual(at: Array) -> Array:
-            found: Array = np.concatenate([spectrum(self._misfit(at)[0]), self._prior(at, strength, soft)[0]])
+            misfit = np.ascontiguousarray(self._misfit(at)[0].T)
+            found: Array = np.concatenate([spectrum(misfit), self._prior(at, strength, soft)[0]])
             return found
 
         def slopes(at: Array) -> Array:
             factor = self._prior(at, strength, soft)[1]
-            rows: Array = np.concatenate([spectrum(self._slopes(at)[:, :, free]), np.diag(factor)[:, free]])
+            columns = np.concatenate([spectrum(self._slopes(at, free)), np.diag(factor)[free]], axis=1)
+            rows: Array = columns.T
             return rows
 
         x, cost = descend(x, free, residual, slopes, _STEPS)
@@ -336,6 +344,8 @@ class Climb:
 
 
 def _chain(motions: Array, moves: list[Array]) -> Array:
-    """Return what moves of q, q', q'' of one joint do to all rows, (N, n)."""
-    found: Array = sum((motions[d] * moves[d][:, None] for d in range(3)), np.zeros(()))
+    """Return what moves (N,) of q, q', q'' of one joint do to all rows, (n, N), by their derivatives (3, n, N)."""
+    found: Array = motions[0] * moves[0]
+    found += motions[1] * moves[1]
+    found += motions[2] * moves[2]
     return found

@@ -9,6 +9,7 @@ A row is told by its taps: what it does to the samples around the one that it li
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +74,9 @@ class Pieces:
 
     def turns(self, n: int) -> list[slice]:
         """Return the groups in turns whose matrices of n joints fit the cache together."""
-        many = max(1, _NUMBERS // (max(self._window.shape[1], n * self.rows.shape[1]) * self.knots * n))
-        return [slice(first, first + many) for first in range(0, len(self.rows), many)]
+        many = _NUMBERS / (max(self._window.shape[1], n * self.rows.shape[1]) * self.knots * n)
+        edges = np.linspace(0, len(self.rows), max(1, round(len(self.rows) / many)) + 1).round().astype(int).tolist()
+        return [slice(first, last) for first, last in pairwise(edges) if last > first]
 
     @cached_property
     def basis(self) -> Array:
@@ -84,17 +86,17 @@ class Pieces:
     def spread(self, six: Array, part: slice) -> Array:
         """Return what stands on six knots, (N, 6 n), at the window's samples over its knots, (C, S, W n)."""
         window, n = self._window[part], six.shape[1] // ORDER
-        found = np.zeros((window.size, self.knots * n))
-        found.reshape(-1)[self._spread_to(n, part)] = six[window.ravel()]
+        found = np.zeros(window.size * self.knots * n)
+        found[self._spread_to(n, part)] = six.take(window.ravel(), axis=0).ravel()
         return found.reshape(*window.shape, -1)
 
     def _spread_to(self, n: int, part: slice) -> NDArray[np.intp]:
-        """Return where `spread` puts n columns per knot, (C S, 6 n)."""
+        """Return where `spread` puts n columns per knot, (C S 6 n,): one index is twice as fast as rows of them."""
         name = n, part.start, part.stop
         if name not in self._places:
             offset = self._offset[part] * n
             place = offset.ravel() + np.arange(offset.size) * (self.knots * n)
-            self._places[name] = place[:, None] + np.arange(ORDER * n)
+            self._places[name] = (place[:, None] + np.arange(ORDER * n)).ravel()
         return self._places[name]
 
     def samples(self, wide: int) -> NDArray[np.intp]:
@@ -115,9 +117,10 @@ class Pieces:
         """Return rows of taps on the samples that they touch, (C, R, samples)."""
         rows, there, wide = self.rows[part], self.there[part], taps.shape[1]
         found = np.zeros((*rows.shape, int(self._apart[-1]) + wide))
-        values = taps[rows] * there[:, :, None]
-        for row, start in enumerate(self._apart.tolist()):
-            found[:, row, start : start + wide] = values[:, row]
+        group, row, item = found.strides
+        apart = int(self._apart[1]) if len(self._apart) > 1 else 0
+        there_of = np.lib.stride_tricks.as_strided(found, (*rows.shape, wide), (group, row + apart * item, item))
+        np.multiply(taps[rows], there[:, :, None], out=there_of)
         return found
 
     def added(self, values: Array, part: slice, total: Array) -> None:

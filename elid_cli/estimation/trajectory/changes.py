@@ -48,8 +48,8 @@ class Change(ABC):
     """The effect that they are."""
     joints: tuple[int, ...] = ()
     """Of which joints they are, the first numbers, one each; () of the whole robot. Others are found beside them."""
-    most: float
-    """Largest size of a number."""
+    most: float | Array
+    """Largest size of a number, of all or (count,) of each."""
     summary: str = ""
     """What it is, in words; empty: those of the effect."""
     whole: bool = False
@@ -63,6 +63,10 @@ class Change(ABC):
     def robot(self, level: Robot, values: Array) -> Robot:
         """Return the robot, changed from its description by values, (count,)."""
         return level
+
+    def written(self, robot: Robot, level: Robot) -> Robot:
+        """Return the changed robot as it is written: one that can be built. `level` is the one that is described."""
+        return robot
 
     def run(self, plain: Run, values: Array) -> Run:
         """Return a stretch with drives that are changed by values, (count,)."""
@@ -120,6 +124,14 @@ class Changed:
             found[list(self.by.joints)] = self.values[: len(self.by.joints)]
         return found
 
+    @property
+    def ratio(self) -> Array:
+        """The computed torque of every joint over the one that acts, beyond what is declared, (n,)."""
+        found = np.ones(self.level.n)
+        if self.by.kind.of_drive == "gain":
+            found[list(self.by.joints)] += self.values
+        return found
+
     def aware(self) -> TrajectoryFit:
         """Return the fit with errors that know those of the change."""
         beside = Beside.of(self.fit, self.by.moved(self.fit, self.level, self.values))
@@ -159,9 +171,9 @@ def changed(before: TrajectoryFit, by: Change, start: Array | None = None) -> Ch
     """
     values, robot, plain = np.zeros(by.count), before.unknowns.robot, [item.run for item in before.tracked]
     if start is None:
-        return _descended(Changed(by, values, values, robot, before), plain, before)
+        return descended(Changed(by, values, values, robot, before), plain, before)
     fit = _refitted(before, by.robot(robot, start), [by.run(run, start) for run in plain], before.z)
-    return None if fit is None else _descended(Changed(by, start, values, robot, fit), plain, before, TRIED)
+    return None if fit is None else descended(Changed(by, start, values, robot, fit), plain, before, TRIED)
 
 
 def retuned(change: Changed, fit: TrajectoryFit, plain: Sequence[Run]) -> Changed | None:
@@ -174,10 +186,10 @@ def retuned(change: Changed, fit: TrajectoryFit, plain: Sequence[Run]) -> Change
     plain
         The stretches with the drives as they are described.
     """
-    return _descended(replace(change, fit=fit), plain, None)
+    return descended(replace(change, fit=fit), plain, None)
 
 
-def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | None, done: int = 0) -> Changed | None:
+def descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | None, done: int = 0) -> Changed | None:
     """Return a change at the values that the motion asks for; None where it asks for none, or not enough of `before`.
 
     Parameters
@@ -204,7 +216,7 @@ def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | N
         if number == STEPS - 1 or (settled and fell < GOES_ON):
             break
         before_it, values = values, np.clip(values + found.steps, -by.most, by.most)
-        if min(np.abs(before_it).max(), np.abs(values).max()) >= by.most:  # it wants to be farther than it may
+        if (np.minimum(np.abs(before_it), np.abs(values)) >= by.most).any():  # it wants to be farther than it may
             return None
         again = _refitted(fit, by.robot(level, values), [by.run(run, values) for run in plain], fit.z + found.along)
         if again is None:
@@ -214,7 +226,7 @@ def _descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | N
         if before is not None and number >= TRIED and nearer_by(fit, before) < HOPEFUL:
             return None
     made = Changed(by, values, deviations, level, fit)
-    return made if made.sure.any() and np.abs(values).max() < by.most else None
+    return made if made.sure.any() and (np.abs(values) < by.most).all() else None
 
 
 def changed_joints(

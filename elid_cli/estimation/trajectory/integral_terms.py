@@ -95,23 +95,24 @@ def integral_terms(before: TrajectoryFit, signals: Signals) -> Changed | None:
     signals
         The logs, with torques of the drives as the robot declares them.
     """
-    robot, recordings = before.unknowns.robot, before.unknowns.recordings
-    known = tuple(declared_integrals(robot).tolist())
-    every = IntegralTerms(tuple(range(robot.n)), recordings, known)
+    robot, known = before.unknowns.robot, declared_integrals(before.unknowns.robot)
+    every = terms_of(before, tuple(range(robot.n)))
     alone = Beside.of(before, every.moved(before, robot, np.zeros(every.count)))
     clear = (np.abs(alone.steps) > SURE * alone.deviations)[: robot.n]
     rates = shown_rates(before, signals)
-    more = clear & (alone.steps[: robot.n] + np.array(known) > 0)
-
-    def of(left: tuple[int, ...]) -> IntegralTerms:
-        return IntegralTerms(left, recordings, known)
+    more = clear & (alone.steps[: robot.n] + known > 0)
 
     found = [
-        changed_joints(before, np.flatnonzero(joints).tolist(), of, start=start)
+        changed_joints(before, np.flatnonzero(joints).tolist(), lambda left: terms_of(before, left), start=start)
         for joints, start in ((more, None), (rates != 0, rates))
     ]
     kept = [one for one in found if one is not None and _may_be(one)]
     return max(kept, key=lambda one: nearer_by(one.fit, before), default=None)
+
+
+def terms_of(fit: TrajectoryFit, joints: tuple[int, ...]) -> IntegralTerms:
+    """Return the terms of some joints' drives as numbers, beyond what the robot declares."""
+    return IntegralTerms(joints, fit.unknowns.recordings, tuple(declared_integrals(fit.unknowns.robot).tolist()))
 
 
 def _may_be(found: Changed) -> bool:

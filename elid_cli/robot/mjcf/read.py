@@ -44,6 +44,17 @@ class MovingJoint:
     """The body element that carries the inertia; None of the first of several joints of one body."""
     own: Array = field(default_factory=lambda: np.zeros((4, 4)))
     """The 4x4 pseudo-inertia of that body alone, in its own frame."""
+    fixed: list[Element] = field(default_factory=list)
+    """The bodies that it carries without a joint in between, and that have a mass."""
+
+    def add(self, body: Element, inertia: Array, pose: Array) -> None:
+        """Add a body that it moves, of a 4x4 pseudo-inertia in its own frame, which is at a 4x4 pose in the joint's."""
+        if self.owner is body:
+            self.own = inertia
+        elif inertia.any():
+            self.fixed.append(body)
+        if self.body is not None:
+            self.body = self.body + moved(inertia, pose)
 
 
 def read_mjcf(text: str, file: str) -> Robot:
@@ -124,10 +135,7 @@ class MjcfTree:
                 self.meshes.append((carrier, body))
                 self.moving[carrier].body = None
                 return self._walk(body, carrier, pose, childclass)
-            if self.moving[carrier].owner is body:
-                self.moving[carrier].own = inertia
-            if (known := self.moving[carrier].body) is not None:
-                self.moving[carrier].body = known + moved(inertia, pose)
+            self.moving[carrier].add(body, inertia, pose)
         self._walk(body, carrier, pose, childclass)
 
     def _add(self, element: Element, body: Element, carrier: int, pose: Array) -> tuple[int, Array]:

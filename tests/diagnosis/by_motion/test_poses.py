@@ -146,7 +146,7 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
         asks.append(1)
         return Done(plain)
 
-    fit = SimpleNamespace(values=None, **vars(leaving(*np.full(joints, error))))
+    fit = SimpleNamespace(values=None, unknowns=SimpleNamespace(robot=None), **vars(leaving(*np.full(joints, error))))
     turned = Turned(BaseAngles(), np.array([0.1, 0.0]), np.array([0.001, np.inf]), SimpleNamespace(n=joints), fit)  # type: ignore[arg-type]
     monkeypatch.setattr(whole_robot, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
@@ -155,8 +155,8 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     none = np.zeros(joints, dtype=bool)
     found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, (), None, None)  # type: ignore[arg-type]
     log = whole_robot._Log(None, [], ([], []), (), None)  # type: ignore[arg-type]
-    found, change, rivals = whole_robot._asked_change(found, log)
-    found, _ = whole_robot._by_change(found, log, change, rivals)
+    found, change, rivals = whole_robot._asked_changes(found, log)
+    found, _ = whole_robot._by_asked(found, log, change, rivals)
     assert not found.changes
     assert bool(asks) == asked
     assert found.done.tried == 5

@@ -1,0 +1,195 @@
+"""Several changes of the whole robot or of its drives, with the values that they have beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.trajectory.beside import Beside
+from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.model.runs import Run
+from elid_cli.robot.robot import Robot
+
+EXPLAINED = 0.8
+"""Part of the squared error that what is named only where it explains all but noise must take."""
+HINTED = 2.0
+"""Standard errors of a first step from which on a joint is looked at: a large error makes them too large."""
+
+
+@dataclass(frozen=True)
+class Several(Change):
+    """The numbers of several changes, one after the other."""
+
+    parts: tuple[Change, ...]
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return sum(part.count for part in self.parts)
+
+    @property
+    def most(self) -> Array:  # type: ignore[override]
+        """Largest size of each."""
+        return np.concatenate([np.broadcast_to(part.most, part.count) for part in self.parts])
+
+    def split(self, values: Array) -> list[Array]:
+        """Return the numbers of each change."""
+        return np.split(values, np.cumsum([part.count for part in self.parts])[:-1])
+
+    def robot(self, level: Robot, values: Array) -> Robot:
+        """Return the robot with all changes."""
+        for part, own in zip(self.parts, self.split(values), strict=True):
+            level = part.robot(level, own)
+        return level
+
+    def run(self, plain: Run, values: Array) -> Run:
+        """Return a stretch with all changes of the drives."""
+        for part, own in zip(self.parts, self.split(values), strict=True):
+            plain = part.run(plain, own)
+        return plain
+
+    def but(self, place: int, level: Robot, values: Array) -> Robot:
+        """Return the robot with all changes but one."""
+        for k, (part, own) in enumerate(zip(self.parts, self.split(values), strict=True)):
+            level = level if k == place else part.robot(level, own)
+        return level
+
+    def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
+        """Return how the positions change with each number, with all others as they are."""
+        found = [part.moved(fit, self.but(k, level, values), own)
+                 for k, (part, own) in enumerate(zip(self.parts, self.split(values), strict=True))]  # fmt: skip
+        return [np.concatenate(stretch, axis=2) for stretch in zip(*found, strict=True)]
+
+
+@dataclass(frozen=True)
+class Together:
+    """Changes beside each other, and the fit of the robot with all of them."""
+
+    changes: tuple[Changed, ...]
+    fit: TrajectoryFit
+    runs: tuple[Run, ...]
+    """The stretches with the drives as they are changed."""
+
+    @classmethod
+    def of(cls, change: Changed, plain: Sequence[Run]) -> Together:
+        """Return a change, or each of several; `plain` are the stretches with the drives as they are described."""
+        runs = tuple(change.runs(plain))
+        if not isinstance(change.by, Several):
+            return cls((change,), change.fit, runs)
+        by, numbers = change.by, zip(change.by.split(change.values), change.by.split(change.deviations), strict=True)
+        parts = [Changed(by.parts[k], values, deviations, by.but(k, change.level, change.values), change.fit)
+                 for k, (values, deviations) in enumerate(numbers)]  # fmt: skip
+        return cls(tuple(parts), change.fit, runs)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as it is changed."""
+        return self.fit.unknowns.robot
+
+    @property
+    def whole(self) -> bool:
+        """Whether one of them is named only where all but noise is explained with it."""
+        return any(change.by.whole for change in self.changes)
+
+    def gain(self, before: TrajectoryFit) -> float:
+        """Return what they take from the squared error of a fit without, every joint in its size."""
+        return replace(self.changes[0], fit=self.fit).gain(before)
+
+    def tuned(self, robot: Robot, plain: Sequence[Run]) -> Together:
+        """Return the changes with the values that they have beside each other.
+
+        `robot` and `plain` are the robot and the stretches as they are described.
+        """
+        again = retuned(self._with(robot), self.fit, plain)
+        return self if again is None or nearer_by(again.fit, self.fit) <= 0 else Together.of(again, plain)
+
+    def _with(self, robot: Robot, *more: Change) -> Changed:
+        """Return the changes as one, with more that do nothing yet."""
+        by = Several((*(change.by for change in self.changes), *more))
+        values = np.concatenate([*(change.values for change in self.changes), *(np.zeros(one.count) for one in more)])
+        return Changed(by, values, np.zeros(by.count), robot, self.fit)
+
+    def with_joints(self, robot: Robot, plain: Sequence[Run], kind: Kind) -> Together | None:
+        """Return the changes with one more, of the joints that the motion is sure of; None where it is of none."""
+        joints = tuple(range(robot.n))
+        one = self._with(robot, kind.of(joints))
+        held = self.fit.unknowns.delays if kind.common else slice(0)
+        alone = Beside.of(self.fit, one.by.moved(self.fit, robot, one.values), held)
+        steps, deviations = (
+            part[len(one.values) - kind.of(joints).count :] for part in (alone.steps, alone.deviations)
+        )
+        steps = steps - np.median(steps[: robot.n]) if kind.common else steps
+        left = tuple(k for k in joints if not kind.local or abs(steps[k]) > HINTED * deviations[k])
+        while left:
+            one = self._with(robot, kind.of(left))
+            found = descended(one, plain, self.fit)
+            if found is None:
+                return None
+            both = Together.of(found, plain)
+            last = both.changes[-1]
+            if not kind.local:
+                return both if last.sure.any() else None
+            sure = last.sure & (np.abs(last.values[: len(left)]) > kind.least)
+            kept = tuple(k for k, may in zip(left, sure, strict=True) if may)
+            if kept == left:
+                return both
+            left = kept
+        return None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of changes."""
+
+    alone: Callable[[TrajectoryFit], Changed | None] | None
+    """Finds one beside a fit; None: it is asked for otherwise."""
+    of: Callable[[tuple[int, ...]], Change]
+    """Makes one, of some joints."""
+    local: bool = True
+    """Whether it is of single joints."""
+    least: float = 0.0
+    """Size that a number of a joint must have."""
+    common: bool = False
+    """Whether a fit has one number for all joints: the delay of a recording."""
+
+
+def with_another(
+    one: Together, robot: Robot, plain: Sequence[Run], kinds: Iterable[Kind]
+) -> tuple[Together, list[Changed]] | None:
+    """Return changes with the one more that brings the motion nearest beside them, and others that do as well.
+
+    None where none does clearly.
+
+    A tool and a tilted base imitate each other: what either leaves, with the values that it has alone, looks like
+    something else, or like nothing.
+
+    Parameters
+    ----------
+    one
+        The changes.
+    robot, plain
+        The robot and the stretches as they are described.
+    kinds
+        What may be beside them.
+    """
+    asked = (one.with_joints(robot, plain, kind) for kind in kinds)
+    tried = [both for both in asked if both is not None and both.changes[-1].is_nearer(one.fit)]
+    if not tried:
+        return None
+    most = max(nearer_by(both.fit, one.fit) for both in tried)
+    alike = [both for both in tried if nearer_by(both.fit, one.fit) >= most - CLEARLY]
+    best = min(alike, key=_numbers)
+    return best, [both.changes[-1] for both in alike if both is not best and _numbers(both) == _numbers(best)]
+
+
+def _numbers(both: Together) -> int:
+    return int(both.changes[-1].sure.sum())
+
+
+def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
+    """Whether the joints' motion is clearly nearer in one fit than in another, on the whole."""
+    return nearer_by(one, other) > CLEARLY
