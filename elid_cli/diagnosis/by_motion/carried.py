@@ -1,11 +1,12 @@
-"""A load at the last body, from the first instant to the last, that the robot file does not have: a tool, a gripper.
+"""A load at a body, from the first instant to the last, that the robot file does not have: a tool, a gripper.
 
-Its mass, first moments and inertias act as their columns of the regressor, as far as the joints feel each of them.
+Where the last body has none, the masses of another one may be off, which is the same. Its mass, first moments and
+inertias act as their columns of the regressor, as far as the joints feel each of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -14,13 +15,13 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.torque_gains import CHECK, gain_name
 from elid_cli.diagnosis.result import Rival
-from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed
+from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.base_parameters import leftmost
 from elid_cli.model.effects import effect_that
-from elid_cli.model.effects.bodies import last_body
+from elid_cli.model.effects.bodies import body_columns
 from elid_cli.model.effects.library import payload
 from elid_cli.model.linearised import Linearised
 from elid_cli.robot.nearest_body import is_body, nearest_body
@@ -46,7 +47,7 @@ LEAST = 1e-6
 
 @dataclass(frozen=True)
 class Carried(Change):
-    """Parameters of a load at the last body, in parts of the robot's mass."""
+    """Parameters of a load at a body, in parts of the robot's mass."""
 
     kept: tuple[int, ...] = ()
     """Which of them the joints feel."""
@@ -54,8 +55,9 @@ class Carried(Change):
     """The robot's mass, kg."""
     alone: tuple[bool, ...] = ()
     """Which of the kept ones no other parameter of the body, nor a rotor, can stand for."""
+    body: int = -1
+    """At which body; -1: the last one."""
     kind = effect_that(local=True, whole_robot=True)
-    summary = "the last body carries a load that the file does not have, or its masses are off by it"
     most = 3.0
     whole = True
 
@@ -65,35 +67,45 @@ class Carried(Change):
         return len(self.kept)
 
     @property
+    def at(self) -> int | None:
+        """The joint that moves the body, where that is not the last one."""
+        return None if self.body < 0 else self.body
+
+    @property
+    def summary(self) -> str:  # type: ignore[override]
+        """What it is, in words."""
+        which = "the last body" if self.body < 0 else "this body"
+        return f"{which} carries a load that the file does not have, or its masses are off by it"
+
+    @property
     def _scale(self) -> Array:
         arms = np.array([0.0] + 3 * [1.0] + 6 * [2.0])[list(self.kept)]
         found: Array = self.size * ARM**arms
         return found
 
     def robot(self, level: Robot, values: Array) -> Robot:
-        """Return the robot whose last body has the load as well."""
-        last, added = level.joints[-1], real_load(level, self.load(values)).tolist()
+        """Return the robot whose body has the load as well."""
+        last, added = level.joints[self.body], real_load(level, self.load(values), self.body).tolist()
         own = {**last.parameters}
         for name, more in zip(LINK_PARAMETERS, added, strict=True):
             own[name] = own.get(name, 0.0) + more
-        return replace(level, joints=(*level.joints[:-1], replace(last, parameters=MappingProxyType(own))))
+        return _with_body(level, self.body, own)
 
     def written(self, robot: Robot, level: Robot) -> Robot:
-        """Return the robot whose last body is one that there may be: errors of its inertias can make it none.
+        """Return the robot whose body is one that there may be: errors of its inertias can make it none.
 
         One whose body was none before, and one of no mass that is left, stays.
         """
-        last = robot.joints[-1]
+        last = robot.joints[self.body]
         own, was = (np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS])
-                    for joint in (last, level.joints[-1]))  # fmt: skip
+                    for joint in (last, level.joints[self.body]))  # fmt: skip
         if not own[0] > 0 or not is_body(was):
             return robot
-        real = dict(zip(LINK_PARAMETERS, nearest_body(own, _of_body(robot)).tolist(), strict=True))
-        body = replace(last, parameters=MappingProxyType({**last.parameters, **real}))
-        return replace(robot, joints=(*robot.joints[:-1], body))
+        real = dict(zip(LINK_PARAMETERS, nearest_body(own, _of_body(robot, self.body)).tolist(), strict=True))
+        return _with_body(robot, self.body, {**last.parameters, **real})
 
     def load(self, values: Array) -> Array:
-        """Return the parameters of the load about the frame of the last body, (10,)."""
+        """Return the parameters of the load about the frame of its body, (10,)."""
         found = np.zeros(len(LINK_PARAMETERS))
         found[list(self.kept)] = self._scale * values
         return found
@@ -116,7 +128,7 @@ class Carried(Change):
         strength = max(STRENGTH * float(np.median(fit.values[:, 1])), LEAST)
         found = []
         for item in fit.tracked:
-            pushes = np.einsum("nap,da->dpn", _columns(level, item), turns)
+            pushes = np.einsum("nap,da->dpn", _columns(level, item, self.body), turns)
             size = np.sqrt(np.mean(pushes**2, axis=1).max(axis=1))
             by = strength / np.maximum(size, 1e-300)
             even = pushes * by[:, None, None]
@@ -131,10 +143,20 @@ def load_of(before: TrajectoryFit) -> Changed | None:
     A robot with several last bodies is not looked at. A mass on the joint's own axis is no load: those of the bodies
     before look the same.
     """
+    return _load_at(before, -1)
+
+
+def other_load_of(before: TrajectoryFit) -> Changed | None:
+    """Return that of the other body with which the motion comes nearest; None where it asks for none."""
+    others = [_load_at(before, body) for body in reversed(range(before.unknowns.robot.n - 1))]
+    return max((one for one in others if one is not None), key=lambda one: nearer_by(one.fit, before), default=None)
+
+
+def _load_at(before: TrajectoryFit, body: int) -> Changed | None:
     robot = before.unknowns.robot
     if len(set(robot.parents)) < robot.n or not any(robot.gravity):
         return None
-    by = load_by(robot)
+    by = load_by(robot, body)
     found = changed(before, by) if by.kept and by.size > 0 else None
     if found is None:
         return None
@@ -143,10 +165,10 @@ def load_of(before: TrajectoryFit) -> Changed | None:
     return found if off_axis and found.sure[first].any() else None
 
 
-def load_by(robot: Robot) -> Carried:
-    """Return a load as its numbers, those that the joints of a robot feel."""
-    kept, alone = _felt(robot)
-    return Carried(kept, sum(max(float(joint.parameters.get("m", 0.0)), 0.0) for joint in robot.joints), alone)
+def load_by(robot: Robot, body: int = -1) -> Carried:
+    """Return a load of a body as its numbers, those that the joints of a robot feel."""
+    kept, alone = _felt(robot, body)
+    return Carried(kept, sum(max(float(joint.parameters.get("m", 0.0)), 0.0) for joint in robot.joints), alone, body)
 
 
 def load_rivals(change: Changed, before: TrajectoryFit) -> tuple[Rival, ...]:
@@ -168,18 +190,21 @@ def load_rivals(change: Changed, before: TrajectoryFit) -> tuple[Rival, ...]:
     return (Rival(gain_name(), name, by.kind.name, change.gain(before), {"gain": share}, CHECK),)
 
 
-def real_load(robot: Robot, load: Array) -> Array:
-    """Return parameters (10,) that act as those of a load at the last body do, of a load that there may be.
+def real_load(robot: Robot, load: Array, number: int = -1) -> Array:
+    """Return parameters (10,) that act as those of a load at a body do, of a load that there may be.
 
     What no joint feels is that of a point of that mass where its centre is; a mass that none feels, or that rotors can
-    stand for, is as far off as that of the last body.
+    stand for, is as far off as that of the body.
     """
-    body = _of_body(robot)
+    body = _of_body(robot, number)
     found, felt = np.zeros(len(load)), np.abs(body).max(axis=0) > 0
     first = np.where(felt[1:TOLD], load[1:TOLD], 0.0)
-    own = robot.joints[-1].parameters
-    centre = np.linalg.norm([own.get(name, 0.0) for name in LINK_PARAMETERS[1:TOLD]]) / max(own.get("m", 0.0), 1e-9)
-    mass = float(load[0]) or float(np.linalg.norm(first)) / max(float(centre), LEAST_ARM)
+    own = robot.joints[number].parameters
+    moment = np.array([own.get(name, 0.0) for name in LINK_PARAMETERS[1:TOLD]])
+    centre = float(np.linalg.norm(moment)) / max(own.get("m", 0.0), 1e-9)
+    # less mass where the file has too much
+    sign = -1.0 if first @ moment < 0 else 1.0
+    mass = float(load[0]) or sign * float(np.linalg.norm(first)) / max(centre, LEAST_ARM)
     found[0], found[1:TOLD] = mass, first
     if mass:
         inertia = (first @ first * np.eye(3) - np.outer(first, first)) / mass
@@ -190,12 +215,18 @@ def real_load(robot: Robot, load: Array) -> Array:
     return found
 
 
-def _felt(robot: Robot) -> tuple[tuple[int, ...], tuple[bool, ...]]:
-    """Return the parameters of the last body that neither rotors' inertias nor those before them can stand for.
+def _with_body(robot: Robot, number: int, parameters: Mapping[str, float]) -> Robot:
+    joints = list(robot.joints)
+    joints[number] = replace(joints[number], parameters=MappingProxyType(dict(parameters)))
+    return replace(robot, joints=tuple(joints))
+
+
+def _felt(robot: Robot, number: int) -> tuple[tuple[int, ...], tuple[bool, ...]]:
+    """Return the parameters of a body that neither rotors' inertias nor those before them can stand for.
 
     And which of them those after them cannot, either.
     """
-    body, rotors = _of_body(robot), _rotors(robot)
+    body, rotors = _of_body(robot, number), _rotors(robot)
     leaders = leftmost(np.concatenate([rotors, body], axis=1), payload.TOLERANCE, null=0.0).leaders
     kept = tuple(int(k) - robot.n for k in leaders if k >= robot.n)
     alone = []
@@ -212,15 +243,15 @@ def _rotors(robot: Robot) -> Array:
     return (np.eye(robot.n)[:, :, None] * motion.ddq.T[None]).reshape(robot.n, -1).T
 
 
-def _of_body(robot: Robot) -> Array:
-    """Return the columns of the last body's parameters over all joints and some instants, (R, 10)."""
-    columns = last_body(robot, random_motion(robot.n, robot.elastic, samples=24))
+def _of_body(robot: Robot, number: int) -> Array:
+    """Return the columns of a body's parameters over all joints and some instants, (R, 10)."""
+    columns = body_columns(robot, number % robot.n, random_motion(robot.n, robot.elastic, samples=24))
     return columns.transpose(0, 2, 1).reshape(-1, len(LINK_PARAMETERS))
 
 
-def _columns(robot: Robot, item: Tracked) -> Array:
-    """Return the torques that the parameters of the last body need along a stretch's motion, of 1 each, (n, 10, N)."""
+def _columns(robot: Robot, item: Tracked, number: int) -> Array:
+    """Return the torques that the parameters of a body need along a stretch's motion, of 1 each, (n, 10, N)."""
     n = robot.n
     x, v = item.x[:, :n], item.v[:, :n]
     a = np.gradient(v, item.run.dt, axis=0)
-    return last_body(robot, Motion(item.run.t, x, v, a, x, v, a))
+    return body_columns(robot, number % n, Motion(item.run.t, x, v, a, x, v, a))

@@ -128,4 +128,5 @@ def effects_of(change: Changed, before: TrajectoryFit) -> tuple[FoundEffect, ...
         )  # fmt: skip
     spread = {name: s for name, s in zip(names, errors, strict=True) if np.isfinite(s)}
     felt = {name: value for name, value in zip(names, values, strict=True) if name in spread}
-    return (FoundEffect(kind.name, None, felt, spread, change.gain(before), change.by.summary or kind.summary),)
+    at = None if change.by.at is None else robot.joint_names[change.by.at]
+    return (FoundEffect(kind.name, at, felt, spread, change.gain(before), change.by.summary or kind.summary),)

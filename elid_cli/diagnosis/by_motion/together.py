@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.poses import effects_of
+from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
@@ -95,9 +98,10 @@ class Together:
         """Whether one of them is named only where all but noise is explained with it."""
         return any(change.by.whole for change in self.changes)
 
-    def gain(self, before: TrajectoryFit) -> float:
-        """Return what they take from the squared error of a fit without, every joint in its size."""
-        return replace(self.changes[0], fit=self.fit).gain(before)
+    def explains(self, before: TrajectoryFit, joints: NDArray[np.bool_]) -> bool:
+        """Whether they take most of the squared error of a fit without, of some joints (n,), each in its size."""
+        bare, left = replace(self.changes[0], fit=self.fit).squares(before)
+        return bool(left[joints].sum() <= (1.0 - EXPLAINED) * bare[joints].sum())
 
     def tuned(self, robot: Robot, plain: Sequence[Run]) -> Together:
         """Return the changes with the values that they have beside each other.
@@ -188,6 +192,28 @@ def with_another(
 
 def _numbers(both: Together) -> int:
     return int(both.changes[-1].sure.sum())
+
+
+def simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed | None, tuple[Rival, ...]]:
+    """Return the change of fewest numbers among the clearly nearest, and what does as well; None where none is near."""
+    near = [one for one in changes if one.is_nearer(plain)]
+    if not near:
+        return None, ()
+    most = max(nearer_by(one.fit, plain) for one in near)
+    alike = [one for one in near if nearer_by(one.fit, plain) >= most - CLEARLY]
+    best = min(alike, key=lambda one: (int(one.sure.sum()), -nearer_by(one.fit, plain)))
+    return best, tuple(
+        rival for one in alike if one is not best and one.sure.sum() == best.sure.sum()
+        for rival in rivals_of(one, best, plain)
+    )  # fmt: skip
+
+
+def rivals_of(one: Changed, best: Changed, before: TrajectoryFit) -> list[Rival]:
+    """Return a change as rivals of the one that is named."""
+    return [
+        Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record)
+        for e in effects_of(one, before)
+    ]
 
 
 def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.carried import load_by, load_of, load_rivals
+from elid_cli.diagnosis.by_motion.carried import load_by, load_of, load_rivals, other_load_of
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
-from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, effects_of, tilt_of, zeros_of
+from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
-from elid_cli.diagnosis.by_motion.together import EXPLAINED, Kind, Together, clearly_nearer, with_another
+from elid_cli.diagnosis.by_motion.together import Kind, Together, clearly_nearer, rivals_of, simplest, with_another
 from elid_cli.diagnosis.by_motion.torque_gains import (
     Gains,
     asked_by_motion,
@@ -28,7 +28,7 @@ from elid_cli.diagnosis.by_motion.torque_gains import (
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beside import Beside
-from elid_cli.estimation.trajectory.changes import CLEARLY, Changed, nearer_by, retuned
+from elid_cli.estimation.trajectory.changes import Changed, retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
@@ -112,7 +112,8 @@ def searched(
         return plain
     found = plain
     try:
-        found = _by_both(plain, _Log(signals, runs, declared, only, progress), off)
+        log = _Log(signals, runs, declared, only, progress)
+        found = _by_other_bodies(plain, _by_both(plain, log, off), log)
         return replace(found, done=replace(found.done, before=first, after=_aware(found)))
     except KeyboardInterrupt:
         return replace(found, done=replace(found.done, before=first, partial=True))
@@ -167,6 +168,16 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
     if found.changes:
         found, gains, scales = _asked_gains(found, log, ())
     return _by_gains(found, log, gains, scales)[0]
+
+
+def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
+    """Return what a search finds where one other body's masses are off, if that leaves noise alone and the rest not."""
+    may = log.may(effect_that(local=True, whole_robot=True)) and log.is_left(found.done.after)
+    change = other_load_of(plain.plain) if may else None
+    if change is None or not change.is_nearer(plain.plain):
+        return found
+    other, _ = _by_asked(plain, log, Together.of(change, log.runs), ())
+    return other if other.changes and clearly_nearer(other.done.after, found.done.after) else found
 
 
 def _by_changes(found: Found, log: _Log, asked: Together | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
@@ -259,7 +270,7 @@ def _asked_changes(found: Found, log: _Log, whole: bool = True) -> tuple[Found, 
     for near in (found.plain, *([found.done.after] if found.done.named else [])):
         tried = [kind.alone(near) for kind in kinds.values() if kind.alone is not None]
         found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
-        best, rivals = _simplest([one for one in tried if one is not None], near)
+        best, rivals = simplest([one for one in tried if one is not None], near)
         if best is not None:
             return found, Together.of(best, log.runs), rivals
     return found, None, ()
@@ -278,7 +289,9 @@ def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[
                 more, better = log.changed(again)
                 if clearly_nearer(better.after, done.after):
                     asked, other, done, rivals = again, more, better, (*rivals, *twins)
-    if asked.whole and (asked.gain(found.plain) < EXPLAINED or (done.after.above_noise(log.signals) >= ABOVE).any()):
+    off = found.plain.above_noise(log.signals) >= DOUBTED
+    explained = asked.explains(found.plain, off) and (done.after.above_noise(log.signals) < ABOVE).all()
+    if asked.whole and not explained:
         return found, log
     done = replace(done, tried=done.tried + found.done.tried)
     rivals = (*rivals, *(rival for change in asked.changes for rival in load_rivals(change, found.plain)))
@@ -302,29 +315,7 @@ def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Ite
         both = with_another(alone, found.robot, log.runs, others.values())
         if both is not None:
             best = both[0].changes[-1]
-            yield both[0], [rival for twin in both[1] for rival in _rivals(twin, best, alone.fit)]
-
-
-def _simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed | None, tuple[Rival, ...]]:
-    """Return the change of fewest numbers among the clearly nearest, and what does as well; None where none is near."""
-    near = [one for one in changes if one.is_nearer(plain)]
-    if not near:
-        return None, ()
-    most = max(nearer_by(one.fit, plain) for one in near)
-    alike = [one for one in near if nearer_by(one.fit, plain) >= most - CLEARLY]
-    best = min(alike, key=lambda one: (int(one.sure.sum()), -nearer_by(one.fit, plain)))
-    return best, tuple(
-        rival for one in alike if one is not best and one.sure.sum() == best.sure.sum()
-        for rival in _rivals(one, best, plain)
-    )  # fmt: skip
-
-
-def _rivals(one: Changed, best: Changed, before: TrajectoryFit) -> list[Rival]:
-    """Return a change as rivals of the one that is named."""
-    return [
-        Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record)
-        for e in effects_of(one, before)
-    ]
+            yield both[0], [rival for twin in both[1] for rival in rivals_of(twin, best, alone.fit)]
 
 
 def _aware(found: Found) -> TrajectoryFit:

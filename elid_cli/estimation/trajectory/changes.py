@@ -56,6 +56,11 @@ class Change(ABC):
     """Whether it is named only where all but noise is explained with it: what else is missing may imitate it."""
 
     @property
+    def at(self) -> int | None:
+        """The joint that it is told of, where it is of the whole robot and told of one."""
+        return None
+
+    @property
     def count(self) -> int:
         """How many they are."""
         return len(self.joints)

@@ -102,8 +102,13 @@ def _program(robot: Robot, terms: Sequence[BaseTerm]) -> Program:
 
 def last_body(robot: Robot, motion: Motion) -> Array:
     """Return the columns of the last body's ten parameters in every link row, shape (n, 10, N)."""
+    return body_columns(robot, robot.n - 1, motion)
+
+
+def body_columns(robot: Robot, number: int, motion: Motion) -> Array:
+    """Return the columns of a body's ten parameters in every link row, shape (n, 10, N)."""
     columns = np.zeros((robot.n, len(LINK_PARAMETERS), motion.samples))
-    place = {StandardParameter(kind, robot.n - 1): k for k, kind in enumerate(LINK_PARAMETERS)}
+    place = {StandardParameter(kind, number): k for k, kind in enumerate(LINK_PARAMETERS)}
     for _, joint, name, value in RigidBody().entries(robot, _moving(robot, motion)):
         if name in place:
             columns[joint, place[name]] = np.asarray(value)

@@ -174,10 +174,18 @@ def test_a_wrong_gain_of_a_single_joint_is_told_beside_the_load_that_it_looks_li
     assert rival.parameters["gain"] == pytest.approx(0.2, abs=0.01)
 
 
-def test_no_tool_is_told_where_there_is_none_or_another_body_is_off(tmp_path: Path) -> None:
+def test_no_tool_is_told_where_there_is_none_and_a_wrong_mass_of_another_body_is_that_of_this_body(
+    tmp_path: Path,
+) -> None:
+    """It was named as gains and springs."""
     log = written(tmp_path, moved(3, 0.0, 8.0))
-    for first in (1.0, 1.3):
-        arm = described(tmp_path, first)
-        found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
-        assert "payload" not in {e.effect for e in found.effects}
-        assert bool(found.effects) == (first != 1.0)
+    arm = described(tmp_path)
+    assert not diagnose_motion(arm, prepare(read_recording([log], arm), arm)).effects
+    arm, first = described(tmp_path, 2.0), 1.0 * MASSES[0] * CENTRES[0]
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("payload", "upper")]
+    (effect,) = found.effects
+    assert abs(effect.parameters["cz"] - first) < 4 * effect.std_error["cz"]
+    assert effect.std_error["cz"] < 0.02 * first
+    assert "this body carries a load" in effect.summary
+    assert replay(found.refined, moved(4, 0.0, 4.0)).mean_abs < 2e-4
