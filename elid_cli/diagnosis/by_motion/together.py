@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.poses import effects_of
@@ -16,9 +15,10 @@ from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, des
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
 
 EXPLAINED = 0.8
-"""Part of the squared error that what is named only where it explains all but noise must take."""
+"""Part of the squared error beyond noise that what is named only where it explains all but noise must take."""
 HINTED = 2.0
 """Standard errors of a first step from which on a joint is looked at: a large error makes them too large."""
 
@@ -98,10 +98,14 @@ class Together:
         """Whether one of them is named only where all but noise is explained with it."""
         return any(change.by.whole for change in self.changes)
 
-    def explains(self, before: TrajectoryFit, joints: NDArray[np.bool_]) -> bool:
-        """Whether they take most of the squared error of a fit without, of some joints (n,), each in its size."""
-        bare, left = replace(self.changes[0], fit=self.fit).squares(before)
-        return bool(left[joints].sum() <= (1.0 - EXPLAINED) * bare[joints].sum())
+    def explains(self, before: Array, signals: Signals, least: float) -> bool:
+        """Whether they take most of what a fit without leaves beyond the encoders' noise, by the mean over the joints.
+
+        `before` is its error over the noise, (n,); joints from `least` on count.
+        """
+        off = before >= least
+        bare, left = before[off] ** 2 - 1.0, np.maximum(self.fit.above_noise(signals)[off] ** 2 - 1.0, 0.0)
+        return bool(np.mean(left / bare) <= 1.0 - EXPLAINED) if off.any() else False
 
     def tuned(self, robot: Robot, plain: Sequence[Run]) -> Together:
         """Return the changes with the values that they have beside each other.

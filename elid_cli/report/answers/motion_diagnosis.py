@@ -11,7 +11,7 @@ from elid_cli.diagnosis.by_motion.torque_gains import gain_name
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import ABOVE
-from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.diagnosis_tables import ADDED, SAME
 from elid_cli.report.answers.drives import drives_needed
@@ -196,7 +196,9 @@ def _gains_words(found: MotionDiagnosis) -> str:
 
 
 def _untried_words(found: MotionDiagnosis) -> str:
-    return f"{listed([spoken(name) for name in found.untried])} (--lookup judges these by the computed torque)"
+    begins = effect_that(local=True, whole_robot=True).name
+    names = [f"{spoken(name)} that begins later" if name == begins else spoken(name) for name in found.untried]
+    return f"{listed(names)} (--lookup judges these by the computed torque)"
 
 
 def _record(found: MotionDiagnosis, further: inputs.Items, robot_argument: str) -> tuple[str, list[Section]]:

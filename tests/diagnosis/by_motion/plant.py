@@ -37,7 +37,7 @@ def robot(folder: Path) -> Robot:
 
 
 def moved(
-    seed: int = 0, duration: float = 16.0, delay: float | np.ndarray = 0.0,
+    seed: int = 0, duration: float = 9.0, delay: float | np.ndarray = 0.0,
     push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,

@@ -44,7 +44,7 @@ def described(folder: Path, first: float = 1.0) -> Robot:
     return read_robot(path)
 
 
-def moved(seed: int, tool: float, seconds: float = 10.0, zero: float = 0.0) -> Recording:
+def moved(seed: int, tool: float, seconds: float = 6.0, zero: float = 0.0) -> Recording:
     """Return a log of the arm with a tool of some mass, integrated plainly under held commands.
 
     The first encoder reads positions too large by its zero, rad.

@@ -82,7 +82,7 @@ def test_wrong_gains_are_named_in_place_of_a_spring_and_a_spring_is_no_gain(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = robot(tmp_path).source
-    recording = moved(3, 12.0)
+    recording = moved(3, 8.0)
     factor = np.array([1.2, 1.0, 1.0])
     wrong = replace(recording, commands={
         name: values * (factor if name in ("kp", "kd") else 1.0) for name, values in recording.commands.items()
@@ -109,7 +109,7 @@ def test_wrong_gains_are_named_in_place_of_a_spring_and_a_spring_is_no_gain(
     # a clean log, and a spring, which no gain imitates
     clean = told(capsys, "identify", written(tmp_path, "clean.h5", recording), "--robot", path)
     assert not [w for w in clean["warnings"] if "described bodies need" in w]
-    sprung = written(tmp_path, "spring.h5", moved(3, 12.0, push=lambda x, v, load: np.array([1.5, 0, 0]) * (x - 0.3)))
+    sprung = written(tmp_path, "spring.h5", moved(3, 8.0, push=lambda x, v, load: np.array([1.5, 0, 0]) * (x - 0.3)))
     found = told(capsys, "diagnose", sprung, "--robot", path)
     assert {(e["effect"], e["joint"]) for e in found["effects"]} == {("link_spring", "one")}
     assert "torque_gain" not in {r["effect"] for r in found["also_possible"]}
@@ -300,7 +300,7 @@ def test_a_companion_must_help_every_block() -> None:
 
 
 def test_a_gain_and_a_spring_that_coarse_encoders_leave_alike_are_both_named(tmp_path: Path) -> None:
-    arm, recording = robot(tmp_path), moved(6, 12.0, noise=1e-3)
+    arm, recording = robot(tmp_path), moved(6, 9.0, noise=1e-3)
     factor = np.array([1.0, 1.25, 1.0])
     wrong = replace(recording, commands={
         name: values * (factor if name in ("kp", "kd") else 1.0) for name, values in recording.commands.items()

@@ -32,7 +32,7 @@ TRUTH = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
 
 def test_an_integral_term_is_named_and_the_written_robot_has_it(tmp_path: Path) -> None:
     arm, term = robot(tmp_path), np.array([0.0, RATE * KP[1], 0.0])
-    recording = moved(6, 12.0, delay=0.002, integral=term, held=np.array([0.0, 0.4, 0.0]))
+    recording = moved(6, 10.0, delay=0.002, integral=term, held=np.array([0.0, 0.4, 0.0]))
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("integral_action", "two")]
     (effect,) = found.effects

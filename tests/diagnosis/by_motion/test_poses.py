@@ -25,7 +25,7 @@ from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VI
 
 def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path) -> None:
     arm, tilt = robot(tmp_path), -0.1
-    recording = moved(6, 12.0, tilt=tilt)
+    recording = moved(6, 9.0, tilt=tilt)
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "tilt.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("gravity_direction", None)]
     (effect,) = found.effects
@@ -45,7 +45,7 @@ def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("steep", [False, True])
 def test_the_zero_of_an_encoder_is_named_in_place_of_a_spring(tmp_path: Path, steep: bool) -> None:
     arm, zero = robot(tmp_path), 0.2 if steep else 0.05
-    recording = moved(6, 12.0, tilt=np.array([0.0, zero, 0.0]))
+    recording = moved(6, 9.0, tilt=np.array([0.0, zero, 0.0]))
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "zero.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("encoder_zero", "two")]
     (effect,) = found.effects
