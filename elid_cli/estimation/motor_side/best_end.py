@@ -53,6 +53,9 @@ class Search:
     """Share by which the cost of the best end fell in further steps."""
     moved: Array
     """Share by which its compliances moved in them, (n,)."""
+    stuck: Array | None = None
+    """Least standard errors, shares of the compliances, (n,), of a fit that stayed where that of rougher sensors ended.
+    """
 
 
 def concluded(setting: Setting, ends: Sequence[LatentFit], hopeless: Sequence[LatentFit] = ()) -> Search:

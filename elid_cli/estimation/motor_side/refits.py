@@ -190,7 +190,8 @@ def first_figures(found: Search) -> Figures:
         sensitivity = np.abs(V[np.ix_(at["c"], at["J"])] / prior.spread).max(axis=1) / np.abs(best.compliance)
         pull = np.where(setting.link.elastic, (J - prior.value) / prior.spread, 0.0)
     usual = found.usual.errors[at["c"]] / np.maximum(np.abs(found.usual.compliance), 1e-300)
-    error = np.maximum(best.errors[at["c"]], usual * np.abs(best.compliance))
+    least = usual if found.stuck is None else np.maximum(usual, found.stuck)
+    error = np.maximum(best.errors[at["c"]], least * np.abs(best.compliance))
     places = [mounted.places for mounted in best.problem.mounted(x)]
     return Figures(
         best.compliance, error, best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
