@@ -116,7 +116,8 @@ def searched(
     found = plain
     try:
         log = _Log(signals, runs, declared, only, progress)
-        found = _by_other_bodies(plain, _by_both(plain, log, off), log)
+        found = _by_both(plain, log, off)
+        found = _by_other_bodies(plain, found, log)
         return replace(found, done=replace(found.done, before=first, after=_aware(found)))
     except KeyboardInterrupt:
         return replace(found, done=replace(found.done, before=first, partial=True))
@@ -180,7 +181,10 @@ def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
     if change is None or not change.is_nearer(plain.plain):
         return found
     other, _ = _by_asked(plain, log, Together.of(change, log.runs), ())
-    return other if other.changes and clearly_nearer(other.done.after, found.done.after) else found
+    found = replace(found, done=replace(found.done, tried=found.done.tried + plain.robot.n - 1))
+    if not other.changes or not clearly_nearer(other.done.after, found.done.after):
+        return found
+    return replace(other, done=replace(other.done, tried=other.done.tried + found.done.tried))
 
 
 def _by_changes(found: Found, log: _Log, asked: Together | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
