@@ -152,9 +152,14 @@ def other_load_of(before: TrajectoryFit) -> Changed | None:
     return max((one for one in others if one is not None), key=lambda one: nearer_by(one.fit, before), default=None)
 
 
+def may_carry(robot: Robot) -> bool:
+    """Whether loads of a robot are looked at: it has one last body, and weight."""
+    return len(set(robot.parents)) == robot.n and any(robot.gravity)
+
+
 def _load_at(before: TrajectoryFit, body: int) -> Changed | None:
     robot = before.unknowns.robot
-    if len(set(robot.parents)) < robot.n or not any(robot.gravity):
+    if not may_carry(robot):
         return None
     by = load_by(robot, body)
     found = changed(before, by) if by.kept and by.size > 0 else None

@@ -10,6 +10,7 @@ import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
+from elid_cli.diagnosis.by_motion.carried import may_carry
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
 from elid_cli.diagnosis.by_motion.poses import effects_of
 from elid_cli.diagnosis.by_motion.raised_limits import raised_limits
@@ -93,7 +94,7 @@ def diagnose_motion(
     """
     recording = signals.recording
     assert recording is not None  # `by_motion` looked at it
-    _check_only(only)
+    _check_only(robot, only)
     described, robot, acting = robot, posed(robot), as_acting(robot, signals)
     runs = commanded_runs(recording, robot)
     signals, found = acting, found if acting is signals and robot is described else None
@@ -165,10 +166,11 @@ def _bodies_for(gains: Sequence[FoundEffect], before: TrajectoryFit) -> tuple[Ri
     )  # fmt: skip
 
 
-def _check_only(names: Sequence[str]) -> None:
+def _check_only(robot: Robot, names: Sequence[str]) -> None:
     """Refuse to try nothing: that nothing is found would say that the model suffices."""
     library = effect_classes()
-    if names and not tried_of(library, names):
+    load = may_carry(robot) and effect_that(local=True, whole_robot=True).name in names
+    if names and not load and not tried_of(library, names):
         listed = ", ".join(sorted(kind.name for kind in tried_of(library, ())))
         raise UsageError(
             f"--only: the simulated motion, which judges this log, is not searched for {in_words(list(names))}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,32 +62,46 @@ def moved(
     states = np.empty(((count - 1) * fine + 1, 3))
     speeds = np.empty_like(states)
     states[0], speeds[0] = x, v
-    summed = np.zeros(3) + held
-    late, bodies = np.broadcast_to(np.round(np.asarray(delay) / STEP), 3).astype(int), np.zeros(3)
-    each, (weight, legs) = np.arange(3), (MASS * GRAVITY * REACH, INERTIA + MASS * REACH**2)
+    # plain numbers: arrays of three would take ten times as long
+    summed, top, turned, rise = ((np.zeros(3) + value).tolist() for value in (held, limit, tilt, integral))
+    late, bodies = np.broadcast_to(np.round(np.asarray(delay) / STEP), 3).astype(int).tolist(), [0.0] * 3
+    weight, legs = (MASS * GRAVITY * REACH).tolist(), (INERTIA + MASS * REACH**2).tolist()
+    told_q, told_dq, constants = q_des.T.tolist(), dq_des.T.tolist(), [(np.zeros(3) + c).tolist() for c in (
+        KP, KD, OFFSET, VISCOUS, COULOMB, inertia
+    )]  # fmt: skip
+    x, v = x.tolist(), v.tolist()
 
-    def moved_by(told: np.ndarray, over: float, where: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def of(torque: Extra | None, where: list[float], speed: list[float]) -> list[float]:
+        if torque is None:
+            return [0.0] * 3
+        return (np.zeros(3) + torque(np.array(where), np.array(speed), np.array(bodies))).tolist()
+
+    def moved_by(told: list[int], over: float, where: list[float], speed: list[float]) -> list[float]:
         """Return the velocity after a time under what acts at a state."""
-        asked = KP * (q_des[told, each] - where) + KD * (dq_des[told, each] - speed)
-        torque = np.clip(asked + summed, -limit, limit) - OFFSET - VISCOUS * speed
-        torque -= weight * np.sin(where - tilt) + (push(where, speed, bodies) if push is not None else 0.0)
-        pulled = torque / inertia
-        braked = (COULOMB + (grip(where, speed, bodies) if grip is not None else 0.0)) / inertia
-        slid = v + over * (pulled - np.sign(v) * braked)
-        # a joint that comes to rest within the time is at rest, or goes on, for what is left of it
-        left = np.where(v == 0, 1.0, np.where(slid * v < 0, slid / np.where(slid == v, 1.0, slid - v), 0.0))
-        from_rest = np.sign(pulled) * np.maximum(np.abs(pulled) - braked, 0.0)
-        after: np.ndarray = np.where(left > 0, over * left * from_rest, slid)
+        after = []
+        for j, (kp, kd, offset, viscous, coulomb, mass, more, held_by) in enumerate(
+            zip(*constants, of(push, where, speed), of(grip, where, speed), strict=True)
+        ):
+            asked = kp * (told_q[j][told[j]] - where[j]) + kd * (told_dq[j][told[j]] - speed[j])
+            torque = min(max(asked + summed[j], -top[j]), top[j]) - offset - viscous * speed[j]
+            pulled = (torque - (weight[j] * math.sin(where[j] - turned[j]) + more)) / mass
+            braked, own = (coulomb + held_by) / mass, v[j]
+            slid = own + over * (pulled - math.copysign(braked, own) if own else pulled)
+            # a joint that comes to rest within the time is at rest, or goes on, for what is left of it
+            left = 1.0 if own == 0 else slid / (slid - own) if slid * own < 0 else 0.0
+            after.append(over * left * math.copysign(max(abs(pulled) - braked, 0.0), pulled) if left > 0 else slid)
         return after
 
     for k in range(len(states) - 1):
-        told = np.maximum(k - late, 0) // fine
+        told = [max(k - steps, 0) // fine for steps in late]
         # by the middle of each step: steps that act on their start only are half a step late, which is inertia
         half = moved_by(told, 0.5 * STEP, x, v)
-        after = moved_by(told, STEP, x + 0.25 * STEP * (v + half), half)
-        bodies = legs * (after - v) / STEP + weight * np.sin(x - tilt)
-        summed += integral * STEP * (q_des[told, each] - x - 0.25 * STEP * (v + after))
-        x, v = x + 0.5 * STEP * (v + after), after
+        after = moved_by(told, STEP, [a + 0.25 * STEP * (u + w) for a, u, w in zip(x, v, half, strict=True)], half)
+        for j in range(3):
+            bodies[j] = legs[j] * (after[j] - v[j]) / STEP + weight[j] * math.sin(x[j] - turned[j])
+            summed[j] += rise[j] * STEP * (told_q[j][told[j]] - x[j] - 0.25 * STEP * (v[j] + after[j]))
+            x[j] += 0.5 * STEP * (v[j] + after[j])
+        v = after
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(count), -0.9 * DT, 0.9 * DT)
     grid = STEP * np.arange(len(states))

@@ -219,10 +219,10 @@ def test_gyroscopes_turn_with_their_links_in_axes_of_their_own() -> None:
 
 
 def test_sensors_on_links_have_biases_of_the_size_that_is_said() -> None:
-    """Of 200 sensors each at rest where nothing weighs."""
+    """Of 100 sensors each at rest where nothing weighs."""
     weightless, still = replace(ARM, gravity=(0.0, 0.0, 0.0)), np.zeros((3, 3))
     motion, options = Motion(T[:3], *[still] * 6), SensorOptions(accel=("slide",), gyro=("slide",))
-    felt = [accelerometers(weightless, motion, options, seed)[axis][0, 2] for seed in range(200) for axis in ACCEL]
-    turned = [gyroscopes(weightless, still, still, options, seed)[axis][0, 2] for seed in range(200) for axis in GYRO]
+    felt = [accelerometers(weightless, motion, options, seed)[axis][0, 2] for seed in range(100) for axis in ACCEL]
+    turned = [gyroscopes(weightless, still, still, options, seed)[axis][0, 2] for seed in range(100) for axis in GYRO]
     assert np.std(felt) == pytest.approx(0.05, rel=0.08)
     assert np.std(turned) == pytest.approx(0.01, rel=0.08)
