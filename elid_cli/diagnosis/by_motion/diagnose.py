@@ -140,7 +140,7 @@ def diagnose_motion(
         identification_of(found, done.before, signals), refined, done.before, after,
         (*of_limits, *of_changes, *of_gains, *_effects(robot, after, done, len(effects))),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals,
-         *(rival for rival in whole.rivals if rival.effect not in {effect.effect for effect in of_changes}),
+         *(r for r in whole.rivals if (r.effect, r.joint) not in {(e.effect, e.joint) for e in of_changes}),
          *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, told, done.partial,

@@ -121,8 +121,11 @@ class Together:
         values = np.concatenate([*(change.values for change in self.changes), *(np.zeros(one.count) for one in more)])
         return Changed(by, values, np.zeros(by.count), robot, self.fit)
 
-    def with_joints(self, robot: Robot, plain: Sequence[Run], kind: Kind) -> Together | None:
-        """Return the changes with one more, of the joints that the motion is sure of; None where it is of none."""
+    def with_joints(self, robot: Robot, plain: Sequence[Run], kind: Kind) -> tuple[Together, list[Changed]] | None:
+        """Return the changes with one more, of the joints that the motion is sure of, and the same of others.
+
+        None where it is sure of none.
+        """
         joints = tuple(range(robot.n))
         one = self._with(robot, kind.of(joints))
         held = self.fit.unknowns.delays if kind.common else slice(0)
@@ -140,13 +143,28 @@ class Together:
             both = Together.of(found, plain)
             last = both.changes[-1]
             if not kind.local:
-                return both if last.sure.any() else None
+                return (both, []) if last.sure.any() else None
             sure = last.sure & (np.abs(last.values[: len(left)]) > kind.least)
             kept = tuple(k for k, may in zip(left, sure, strict=True) if may)
             if kept == left:
-                return both
+                return self._fewer(both, robot, plain, kind, left)
             left = kept
         return None
+
+    def _fewer(
+        self, both: Together, robot: Robot, plain: Sequence[Run], kind: Kind, joints: Sequence[int]
+    ) -> tuple[Together, list[Changed]]:
+        """Return changes with one more of a single joint where that comes as near as that of several; others that do.
+
+        Beside a load, numbers of several joints make up for each other: all of them come out surely, and wrong.
+        """
+        asked = joints if len(joints) > 1 else ()
+        alone = [descended(self._with(robot, kind.of((k,))), plain, self.fit) for k in asked]
+        near = [one for one in alone if one is not None and nearer_by(both.fit, one.fit) < CLEARLY]
+        if not near:
+            return both, []
+        first, *others = sorted(near, key=lambda one: -nearer_by(one.fit, self.fit))
+        return Together.of(first, plain), [Together.of(one, plain).changes[-1] for one in others]
 
 
 @dataclass(frozen=True)
@@ -185,13 +203,14 @@ def with_another(
         What may be beside them.
     """
     asked = (one.with_joints(robot, plain, kind) for kind in kinds)
-    tried = [both for both in asked if both is not None and both.changes[-1].is_nearer(one.fit)]
+    tried = [found for found in asked if found is not None and found[0].changes[-1].is_nearer(one.fit)]
     if not tried:
         return None
-    most = max(nearer_by(both.fit, one.fit) for both in tried)
-    alike = [both for both in tried if nearer_by(both.fit, one.fit) >= most - CLEARLY]
-    best = min(alike, key=_numbers)
-    return best, [both.changes[-1] for both in alike if both is not best and _numbers(both) == _numbers(best)]
+    most = max(nearer_by(both.fit, one.fit) for both, _ in tried)
+    alike = [found for found in tried if nearer_by(found[0].fit, one.fit) >= most - CLEARLY]
+    best, twins = min(alike, key=lambda found: _numbers(found[0]))
+    others = [both.changes[-1] for both, _ in alike if both is not best and _numbers(both) == _numbers(best)]
+    return best, [*twins, *others]
 
 
 def _numbers(both: Together) -> int:

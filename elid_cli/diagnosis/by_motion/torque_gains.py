@@ -189,8 +189,8 @@ class OtherGains(Change):
     most = 3.0
 
     def ratio(self, count: int, values: Array) -> Array:
-        """Return the computed torque over the one that acts of `count` joints, beyond what is declared."""
-        found = np.ones(count)
+        """Return the computed torque over the one that acts, never one of no size, (count,)."""
+        found = super().ratio(count, values)
         found[list(self.joints)] = np.maximum(1.0 + values, LEAST_RATIO)
         return found
 

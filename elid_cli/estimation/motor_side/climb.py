@@ -185,13 +185,9 @@ class Climb:
                     continue
                 found[place, i] += rows[0][i]
                 if c[i]:
-                    found[place] += _chain(
-                        motions[i], [c[i] * (rows[d][i] - damping[i] * rows[d + 1][i]) for d in range(3)]
-                    )
+                    found[place] += c[i] * _chain(motions[i], _lagged(rows, i, damping[i]))
             if free[at["c"][i]]:
-                found[at["c"][i]] -= _chain(
-                    motions[i], [twisted[d][i] - damping[i] * twisted[d + 1][i] for d in range(3)]
-                )
+                found[at["c"][i]] -= _chain(motions[i], _lagged(twisted, i, damping[i]))
             if free[at["damping"][i]] and c[i]:
                 found[at["damping"][i]] += _chain(motions[i], [c[i] * twisted[d + 1][i] for d in range(3)])
         return found[free]
@@ -271,9 +267,8 @@ class Climb:
 
         def slopes(at: Array) -> Array:
             factor = self._prior(at, strength, soft)[1]
-            columns = np.concatenate([spectrum(self._slopes(at, free)), np.diag(factor)[free]], axis=1)
-            rows: Array = columns.T
-            return rows
+            columns: Array = np.concatenate([spectrum(self._slopes(at, free)), np.diag(factor)[free]], axis=1)
+            return columns.T
 
         x, cost = descend(x, free, residual, slopes, _STEPS)
         return x, cost / (2 * self.link.n * bins)
@@ -343,9 +338,13 @@ class Climb:
         return self._spline.at(t, self._spline.fit(theta + (q - theta)[place]))
 
 
+def _lagged(rows: list[Array], i: int, damping: float) -> list[Array]:
+    """Return what a damper leaves of a joint's torques (n, N) and their derivatives, three of (N,)."""
+    return [rows[d][i] - damping * rows[d + 1][i] for d in range(3)]
+
+
 def _chain(motions: Array, moves: list[Array]) -> Array:
     """Return what moves (N,) of q, q', q'' of one joint do to all rows, (n, N), by their derivatives (3, n, N)."""
     found: Array = motions[0] * moves[0]
-    found += motions[1] * moves[1]
-    found += motions[2] * moves[2]
+    found += motions[1] * moves[1] + motions[2] * moves[2]
     return found

@@ -77,6 +77,10 @@ class Change(ABC):
         """Return a stretch with drives that are changed by values, (count,)."""
         return plain
 
+    def ratio(self, count: int, values: Array) -> Array:
+        """Return the computed torque over the one that acts, beyond what is declared, of `count` joints, (count,)."""
+        return np.ones(count)
+
     def named(self, fit: TrajectoryFit, values: Array) -> Array:
         """Return the values as the effect's parameters, (count,)."""
         return values
@@ -132,10 +136,7 @@ class Changed:
     @property
     def ratio(self) -> Array:
         """The computed torque of every joint over the one that acts, beyond what is declared, (n,)."""
-        found = np.ones(self.level.n)
-        if self.by.kind.of_drive == "gain":
-            found[list(self.by.joints)] += self.values
-        return found
+        return self.by.ratio(self.level.n, self.values)
 
     def aware(self) -> TrajectoryFit:
         """Return the fit with errors that know those of the change."""
