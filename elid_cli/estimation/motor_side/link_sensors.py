@@ -242,6 +242,6 @@ def watched(
         others = [j for j in np.flatnonzero(elastic).tolist() if j != k]
         own = axes[:, :, k, None]
         left = own - axes[:, :, others] @ (np.linalg.pinv(axes[:, :, others]) @ own) if others else own
-        size = float(np.linalg.norm(own))
-        seen[k] = size > 0 and float(np.linalg.norm(left)) > APART * size
+        length = float(np.linalg.norm(own))
+        seen[k] = length > 0 and float(np.linalg.norm(left)) > APART * length
     return seen
