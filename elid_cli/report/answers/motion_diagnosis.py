@@ -155,7 +155,17 @@ def _missing(found: MotionDiagnosis) -> str:
     named = named_words(places, found.also_possible)
     if first:
         first, named = f"{first} With the bodies of the file: ", named.replace("One of", "one of", 1)
-    return f"{first}{named}{moved}{_gains_words(found)}{_bodies_words(found)}{rigid}"
+    return f"{first}{named}{_load_words(found)}{moved}{_gains_words(found)}{_bodies_words(found)}{rigid}"
+
+
+def _load_words(found: MotionDiagnosis) -> str:
+    """Return that a load's mass hangs on which of several effects is missing beside it, where the log tells none."""
+    load = effect_that(local=True, whole_robot=True).name
+    beside = [r for r in found.also_possible if r.instead_of != load and r.effect != load]
+    if not beside or all(effect.effect != load for effect in found.effects):
+        return ""
+    instead = " or ".join(whose(r.effect, r.joint) for r in beside)
+    return f" If it is {instead}, the mass of the {spoken(load)} is another."
 
 
 def _bodies_words(found: MotionDiagnosis) -> str:

@@ -16,6 +16,7 @@ from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
 from elid_cli.model.body_torques import gravity_torques, inertial_torques
+from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_report
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.nearest_body import is_body
 from elid_cli.robot.parameter import LINK_PARAMETERS
@@ -165,6 +166,9 @@ def test_gains_of_two_joints_that_a_tool_leaves_alike_are_both_named(tmp_path: P
     gains = {named.joint: named.parameters["gain"], rival.joint: rival.parameters["gain"]}
     assert gains["upper"] == pytest.approx(gain, abs=0.01)
     assert gains["fore"] == pytest.approx(1 / (1 + gain) - 1, abs=0.01)
+    # which of them it is decides the mass, and nothing here does
+    said = f"If it is torque gain of {rival.joint}, the mass of the payload is another."
+    assert said in str(motion_diagnosis_report(found, "arm.yaml").sections)
 
 
 def test_the_body_with_the_tool_is_written_as_one_that_there_may_be(tmp_path: Path) -> None:
