@@ -159,13 +159,17 @@ def _missing(found: MotionDiagnosis) -> str:
 
 
 def _load_words(found: MotionDiagnosis) -> str:
-    """Return that a load's mass hangs on which of several effects is missing beside it, where the log tells none."""
-    load = effect_that(local=True, whole_robot=True).name
-    beside = [r for r in found.also_possible if r.instead_of != load and r.effect != load]
+    """Return that a load's mass hangs on which of several effects is missing beside it, where the log tells none.
+
+    Those count that change what a drive or the weight does: friction leaves the mass as it is.
+    """
+    load, kinds = effect_that(local=True, whole_robot=True).name, effect_classes()
+    shifting = {name for name, kind in kinds.items() if kind.of_drive or kind.turns_gravity or kind.moves_zero}
+    beside = [r for r in found.also_possible if r.effect in shifting and r.instead_of != load]
     if not beside or all(effect.effect != load for effect in found.effects):
         return ""
     instead = " or ".join(whose(r.effect, r.joint) for r in beside)
-    return f" If it is {instead}, the mass of the {spoken(load)} is another."
+    return f" If it is {instead}, the mass of the {spoken(load)} may be another."
 
 
 def _bodies_words(found: MotionDiagnosis) -> str:
