@@ -16,6 +16,8 @@ from elid_cli.errors import visible
 if TYPE_CHECKING:
     from elid_cli._types import Progress
 
+CLEAR = "\r\x1b[K"
+
 
 @contextlib.contextmanager
 def progress(output: Output, first: str = "reading") -> Iterator[Progress | None]:
@@ -23,7 +25,7 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
 
     Enter before anything heavy is imported, so that the first sign of life does not wait for it.
     """
-    if output.quiet or not is_terminal(sys.stderr) or os.environ.get("TERM") == "dumb":
+    if output.quiet or not _is_shown():
         yield None
         return
     from rich.console import Console
@@ -70,3 +72,16 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
                 bars.refresh()
 
         yield advance
+
+
+def _is_shown() -> bool:
+    return is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb"
+
+
+def tell_plain_steps(output: Output) -> None:
+    """Say on stderr that motion is simulated slowly where Numba is missing; before the work, so on a terminal too."""
+    from elid_cli.model.rollout_loops import PLAIN, has_numba
+
+    if not (has_numba() or output.quiet):
+        # in place of the line of progress, which is drawn anew below
+        sys.stderr.write(f"{CLEAR if _is_shown() else ''}note: {PLAIN}\n")

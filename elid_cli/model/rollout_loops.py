@@ -19,10 +19,19 @@ SAME = 1e-9
 """Part of such friction by which it may change between two sweeps that agree."""
 
 
+PLAIN = "motion is simulated without Numba, in about ten times the time (pip install numba)"
+"""What is said before long work where `has_numba` is false."""
+
+
+def has_numba() -> bool:
+    """Whether the loops can be compiled; asks without importing Numba."""
+    return importlib.util.find_spec("numba") is not None
+
+
 @cache
 def compiled_steps() -> Callable[..., None] | None:
     """Return `steps` compiled, or None where Numba is not installed."""
-    if importlib.util.find_spec("numba") is None:
+    if not has_numba():
         return None
     from numba import njit
     from numba.extending import register_jitable

@@ -73,7 +73,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
 
     from elid_cli.cli.inputs import check_effects, load_recording, load_robot, load_signals, sharp
     from elid_cli.cli.output import emit, illustrated, note
-    from elid_cli.cli.progress import progress
+    from elid_cli.cli.progress import progress, tell_plain_steps
     from elid_cli.cli.robot_files import check_described, write_found
 
     check_described(files)
@@ -91,6 +91,8 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         machine, options = load_robot(source.robot), source.conditioning
         recording = load_recording(source.logs, machine, source.reading, output, options.rate, advance)
         moving = by_motion(machine, recording) and not (search.checks or search.lookup)
+        if moving:
+            tell_plain_steps(output)
         if moving and (search.accurate or search.jobs > 1):
             note(["--accurate and --jobs are of the search by torques, not of this one by motion"], output)
         others = [

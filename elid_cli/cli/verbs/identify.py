@@ -62,7 +62,7 @@ def identify(
 
     from elid_cli.cli.gates import check_gates, check_names, motor_rows_told
     from elid_cli.cli.output import emit, pictures_wanted
-    from elid_cli.cli.progress import progress
+    from elid_cli.cli.progress import progress, tell_plain_steps
     from elid_cli.cli.robot_files import check_described, write_found
 
     if beyond.physical:
@@ -72,6 +72,8 @@ def identify(
     check_described(files)
     if fit.fit == "auto" and (beyond.physical or beyond.payload is not None or _of_bodies(gates)):
         fit = replace(fit, fit="torque")  # they are about the bodies, or the torque
+    if fit.fit == "trajectory":
+        tell_plain_steps(output)
     with progress(output, "reading") as advance:
         from elid_cli.estimation.refined_robot import identified_robot, remarks, with_stiffnesses
         from elid_cli.report.answers.identification import identification_report

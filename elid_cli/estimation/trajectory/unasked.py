@@ -23,9 +23,9 @@ from elid_cli.signals.signals import Signals
 
 LONGEST = 15.0
 """Seconds that the fit may take about."""
-SAMPLE, STEPS, PLAIN = 35e-6, 8e-4, 0.08
-"""s; what the fit takes for a sample of a joint, and for a second of a chain of joints by the cube of their number,
-compiled and without Numba."""
+SAMPLE, STEPS, PLAIN = 35e-6, 8e-4, 0.75
+"""s; what the fit takes for a sample of a joint, and for a second of a chain of joints: compiled, by the cube of their
+number; without Numba, by their number."""
 FARTHER = 4.0
 """Times that it may predict the torque worse than least squares do, which noise of positions makes fit it too well."""
 COMPUTED = "the torque is computed from commands, and noise of the positions in it may bias this fit"
@@ -96,7 +96,7 @@ def pointed_out(found: Identification, how: str = "") -> Identification:
     """Return least squares' answer to computed torques, with a word on the trajectory fit, where that is possible."""
     if not is_known(found.robot):
         return found
-    faster = "" if compiled_steps() or not how else ", a hundredth of it with Numba (the extra fast)"
+    faster = "" if compiled_steps() or not how else ", a tenth of it with Numba (pip install numba)"
     return _told(found, f"{COMPUTED}: --fit trajectory fits the motion{how}{faster}")
 
 
@@ -118,8 +118,8 @@ def seconds(robot: Robot, signals: Signals) -> float:
 def seconds_of(robot: Robot, samples: int, dt: float) -> float:
     """Return about how long a fit of samples (M, n) at a sample time takes, s."""
     sizes = np.array([len(joints) for joints in Unknowns(robot).chains])
-    steps = STEPS if compiled_steps() else PLAIN
-    return SAMPLE * samples * robot.n + steps * samples * dt * float(np.sum(sizes**3))
+    steps = STEPS * float(np.sum(sizes**3)) if compiled_steps() else PLAIN * float(np.sum(sizes))
+    return SAMPLE * samples * robot.n + steps * samples * dt
 
 
 def _told(found: Identification, note: str) -> Identification:

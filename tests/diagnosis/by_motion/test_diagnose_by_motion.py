@@ -24,6 +24,7 @@ from elid_cli.estimation.trajectory.found_effects import fitted_effects
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs import robot_as_logged
 from elid_cli.logs.reading import read_recording
+from elid_cli.model import rollout_loops
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.library.stribeck import Stribeck
 from elid_cli.signals.recording import Segment
@@ -165,6 +166,22 @@ def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_bette
     before = told(capsys, "replay", other, "--robot", out + ".plain.yaml")["mean_abs"]
     assert after < 0.5 * before
     assert after < 5e-4
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("line", [("diagnose", "--only", "link_spring"), ("identify", "--fit", "trajectory")])
+def test_motion_without_numba_says_before_it_begins_that_it_is_slow(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, line: tuple[str, ...],
+    known: bool,
+) -> None:  # fmt: skip
+    path, log = robot(tmp_path).source, written(tmp_path, "clean.h5", moved(duration=6.0))
+    pytest.importorskip("numba")
+    rollout_loops.compiled_steps()  # kept: the work itself is not made slow here
+    monkeypatch.setattr(rollout_loops, "has_numba", lambda: known)
+    assert main([line[0], log, "--robot", path, *line[1:]]) == 0
+    assert ("pip install numba" in capsys.readouterr().err) is not known
+    assert main([line[0], log, "--robot", path, *line[1:], "--quiet"]) == 0
+    assert not capsys.readouterr().err
 
 
 def test_a_shape_and_its_amplitude_are_fitted_with_joint_errors(tmp_path: Path) -> None:

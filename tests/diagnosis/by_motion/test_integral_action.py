@@ -122,6 +122,7 @@ def test_replay_adds_up_the_simulated_error_in_all_engines(tmp_path: Path, monke
     assert parts.error["two"].mean_abs < 2e-4
     with monkeypatch.context() as patched:
         patched.setattr("elid_cli.model.rollout_steps.compiled_steps", lambda: None)
+        patched.setattr("elid_cli.model.rollout_steps.FEW", 0)
         assert np.abs(replay(known, recording).simulated - whole.simulated).max() < 1e-9
     pytest.importorskip("mujoco")
     other = replay(known, recording, ReplayOptions(engine="mujoco"))

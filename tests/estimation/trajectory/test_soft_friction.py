@@ -150,7 +150,10 @@ def test_friction_that_an_effect_adds_fades_in_as_well(pendulums: Robot) -> None
     np.testing.assert_allclose(told.fit_after.values[:, :3], truth, rtol=0.02)
 
 
-def test_arrays_and_compiled_loops_take_the_same_steps(pendulums: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("few", [0, 10])
+def test_arrays_and_plain_loops_take_the_steps_of_compiled_ones(
+    pendulums: Robot, monkeypatch: pytest.MonkeyPatch, few: int
+) -> None:
     pytest.importorskip("numba")
     drives = zip(pendulums.joints, plant.ARMATURE, plant.COULOMB, plant.VISCOUS, strict=True)
     joints = tuple(
@@ -166,6 +169,7 @@ def test_arrays_and_compiled_loops_take_the_same_steps(pendulums: Robot, monkeyp
     short = computed(plant.moved(3, duration=2.0))
     fast = replay(robot, short).simulated
     monkeypatch.setattr("elid_cli.model.rollout_steps.compiled_steps", lambda: None)
+    monkeypatch.setattr("elid_cli.model.rollout_steps.FEW", few)
     np.testing.assert_allclose(replay(robot, short).simulated, fast, rtol=0, atol=1e-9)
 
 

@@ -24,7 +24,6 @@ from elid_cli.model.drives import Joints
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.rollout import motion_of
-from elid_cli.model.rollout_steps import advance_arrays
 from elid_cli.model.runs import runs_of
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import EffectSpec, Robot
@@ -143,14 +142,15 @@ def test_friction_holds_a_joint_at_rest(arm: Robot) -> None:
     assert np.ptp(found.simulated[10:170], axis=0).max() < 1e-9
 
 
-def test_arrays_and_compiled_loops_take_the_same_steps(
-    arm: Robot, log: Recording, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("few", [0, 10])
+def test_arrays_and_plain_loops_take_the_steps_of_compiled_ones(
+    arm: Robot, log: Recording, monkeypatch: pytest.MonkeyPatch, few: int
 ) -> None:
     pytest.importorskip("numba")
     fast = replay(arm, log).simulated
     monkeypatch.setattr(rollout_steps, "compiled_steps", lambda: None)
+    monkeypatch.setattr(rollout_steps, "FEW", few)
     np.testing.assert_allclose(replay(arm, log).simulated, fast, rtol=0, atol=1e-9)
-    assert advance_arrays is not None
 
 
 def swinging(robot: Robot, torques: Torques) -> Recording:
