@@ -43,6 +43,8 @@ class Rival:
     """Of its parameters, from a fit with it in the other's place; empty where there was none."""
     behind: float = 0.0
     """Log-likelihood by which it explains this log worse than the named effect, negative where better."""
+    beside: tuple[FoundEffect, ...] = ()
+    """Named effects as they are beside it, where their values hang on which of the two it is."""
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ class Together:
         values = np.concatenate([*(change.values for change in self.changes), *(np.zeros(one.count) for one in more)])
         return Changed(by, values, np.zeros(by.count), robot, self.fit)
 
-    def with_joints(self, robot: Robot, plain: Sequence[Run], kind: Kind) -> tuple[Together, list[Changed]] | None:
+    def with_joints(self, robot: Robot, plain: Sequence[Run], kind: Kind) -> tuple[Together, list[Together]] | None:
         """Return the changes with one more, of the joints that the motion is sure of, and the same of others.
 
         None where it is sure of none.
@@ -153,7 +153,7 @@ class Together:
 
     def _fewer(
         self, both: Together, robot: Robot, plain: Sequence[Run], kind: Kind, joints: Sequence[int]
-    ) -> tuple[Together, list[Changed]]:
+    ) -> tuple[Together, list[Together]]:
         """Return changes with one more of a single joint where that comes as near as that of several; others that do.
 
         Beside a load, numbers of several joints make up for each other: all of them come out surely, and wrong.
@@ -164,7 +164,7 @@ class Together:
         if not near:
             return both, []
         first, *others = sorted(near, key=lambda one: -nearer_by(one.fit, self.fit))
-        return Together.of(first, plain), [Together.of(one, plain).changes[-1] for one in others]
+        return Together.of(first, plain), [Together.of(one, plain) for one in others]
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ class Kind:
 
 def with_another(
     one: Together, robot: Robot, plain: Sequence[Run], kinds: Iterable[Kind]
-) -> tuple[Together, list[Changed]] | None:
+) -> tuple[Together, list[Together]] | None:
     """Return changes with the one more that brings the motion nearest beside them, and others that do as well.
 
     None where none does clearly.
@@ -209,7 +209,7 @@ def with_another(
     most = max(nearer_by(both.fit, one.fit) for both, _ in tried)
     alike = [found for found in tried if nearer_by(found[0].fit, one.fit) >= most - CLEARLY]
     best, twins = min(alike, key=lambda found: _numbers(found[0]))
-    others = [both.changes[-1] for both, _ in alike if both is not best and _numbers(both) == _numbers(best)]
+    others = [both for both, _ in alike if both is not best and _numbers(both) == _numbers(best)]
     return best, [*twins, *others]
 
 
@@ -231,10 +231,11 @@ def simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed 
     )  # fmt: skip
 
 
-def rivals_of(one: Changed, best: Changed, before: TrajectoryFit) -> list[Rival]:
-    """Return a change as rivals of the one that is named."""
+def rivals_of(one: Changed, best: Changed, before: TrajectoryFit, others: Sequence[Changed] = ()) -> list[Rival]:
+    """Return a change as rivals of the one that is named; `others` are named, as they are beside it."""
+    beside = tuple(effect for change in others for effect in effects_of(change, before))
     return [
-        Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record)
+        Rival(e.effect, e.joint, best.by.kind.name, e.gain, e.parameters, best.by.kind.record, beside=beside)
         for e in effects_of(one, before)
     ]
 

@@ -324,7 +324,8 @@ def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Ite
         both = with_another(alone, found.robot, log.runs, others.values())
         if both is not None:
             best = both[0].changes[-1]
-            yield both[0], [rival for twin in both[1] for rival in rivals_of(twin, best, alone.fit)]
+            yield both[0], [rival for twin in both[1]
+                            for rival in rivals_of(twin.changes[-1], best, alone.fit, twin.changes[:-1])]  # fmt: skip
 
 
 def _aware(found: Found) -> TrajectoryFit:

@@ -8,7 +8,7 @@ from typing import Any
 
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, mean_abs_of
 from elid_cli.diagnosis.by_motion.torque_gains import gain_name
-from elid_cli.diagnosis.result import FoundEffect
+from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.model.effects import effect_classes, effect_that
@@ -99,7 +99,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "position": {name: {"before": p.before, "after": p.after} for name, p in found.position.items()},
         "effects": [picked(e, "effect joint parameters std_error gain summary") for e in found.effects],
         "nuisances": inputs.nuisance_payload(found.after.nuisances),
-        "also_possible": [picked(r, "effect joint gain instead_of parameters separate") for r in found.also_possible],
+        "also_possible": [_rival(r) for r in found.also_possible],
         "unexplained": [{**picked(u, "joint rows variable share rms ratio"), "nearest": []} for u in found.unexplained],
         "differing": [
             {**picked(d, "name joint unit values std_error"),
@@ -114,6 +114,12 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "other_bodies": dict(found.other_bodies),
         **({} if found.free_bodies is None else {"free_bodies": {"mean_abs": mean_abs_of(found.free_bodies)}}),
     }  # fmt: skip
+
+
+def _rival(rival: Rival) -> dict[str, Any]:
+    beside = [picked(effect, "effect joint parameters std_error") for effect in rival.beside]
+    own = picked(rival, "effect joint gain instead_of parameters separate")
+    return {**own, "beside": beside} if beside else own
 
 
 def _trust(found: MotionDiagnosis) -> str:
@@ -159,7 +165,7 @@ def _missing(found: MotionDiagnosis) -> str:
 
 
 def _load_words(found: MotionDiagnosis) -> str:
-    """Return that a load's mass hangs on which of several effects is missing beside it, where the log tells none.
+    """Return what a load's mass is with the other of two effects beside it, where the log does not tell which it is.
 
     Those count that change what a drive or the weight does: friction leaves the mass as it is.
     """
@@ -168,8 +174,12 @@ def _load_words(found: MotionDiagnosis) -> str:
     beside = [r for r in found.also_possible if r.effect in shifting and r.instead_of != load]
     if not beside or all(effect.effect != load for effect in found.effects):
         return ""
-    instead = " or ".join(whose(r.effect, r.joint) for r in beside)
-    return f" If it is {instead}, the mass of the {spoken(load)} may be another."
+    cases = []
+    for r in beside:
+        mass = next((e.parameters.get("m") for e in r.beside if e.effect == load), None)
+        here = "another, perhaps," if mass is None else f"{number_text(mass, 3)} kg"
+        cases.append(f"{here} if it is {whose(r.effect, r.joint)}")
+    return f" The mass of the {spoken(load)} hangs on that: {listed(cases)}."
 
 
 def _bodies_words(found: MotionDiagnosis) -> str:

@@ -16,7 +16,7 @@ from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
 from elid_cli.model.body_torques import gravity_torques, inertial_torques
-from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_report
+from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_payload, motion_diagnosis_report
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.nearest_body import is_body
 from elid_cli.robot.parameter import LINK_PARAMETERS
@@ -166,9 +166,16 @@ def test_gains_of_two_joints_that_a_tool_leaves_alike_are_both_named(tmp_path: P
     gains = {named.joint: named.parameters["gain"], rival.joint: rival.parameters["gain"]}
     assert gains["upper"] == pytest.approx(gain, abs=0.01)
     assert gains["fore"] == pytest.approx(1 / (1 + gain) - 1, abs=0.01)
-    # which of them it is decides the mass, and nothing here does
-    said = f"If it is torque gain of {rival.joint}, the mass of the payload may be another."
+    # which of them it is decides the mass: both are told
+    (own,) = (e for e in found.effects if e.effect == "payload")
+    (other,) = rival.beside
+    right, wrong = (own, other) if named.joint == "upper" else (other, own)
+    assert other.effect == "payload"
+    assert abs(right.parameters["m"] - TOOL) < 4 * right.std_error["m"]
+    assert abs(wrong.parameters["m"] - TOOL) > 0.05
+    said = f"{other.parameters['m']:.3g} kg if it is torque gain of {rival.joint}."
     assert said in str(motion_diagnosis_report(found, "arm.yaml").sections)
+    assert motion_diagnosis_payload(found)["also_possible"][0]["beside"][0]["parameters"]["m"] == other.parameters["m"]
     friction = replace(found, also_possible=(replace(rival, effect="stribeck"),))
     assert "the mass of the payload" not in str(motion_diagnosis_report(friction, "arm.yaml").sections)
 
