@@ -13,6 +13,7 @@ from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.late_joints import beyond_common
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -133,7 +134,7 @@ class Together:
         steps, deviations = (
             part[len(one.values) - kind.of(joints).count :] for part in (alone.steps, alone.deviations)
         )
-        steps = steps - np.median(steps[: robot.n]) if kind.common else steps
+        steps = beyond_common(self.fit, steps) if kind.common else steps
         left = tuple(k for k in joints if not kind.local or abs(steps[k]) > HINTED * deviations[k])
         while left:
             one = self._with(robot, kind.of(left))

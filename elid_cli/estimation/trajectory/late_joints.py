@@ -85,6 +85,17 @@ def believed(
     return alike if nearer_by(plain, other) > 0 else list(runs)
 
 
+def beyond_common(fit: TrajectoryFit, later: Array) -> Array:
+    """Return by how much every drive is later than most, s, where each is `later` than in a fit, (n,).
+
+    Of two drives most is the one whose whole delay is smaller: one later than the other is the other earlier.
+    """
+    whole = fit.joint_delays.mean(axis=0) + later
+    common = later[np.argmin(np.abs(whole))] if len(later) == 2 else np.median(later)
+    found: Array = later - common
+    return found
+
+
 def late_joints(before: TrajectoryFit) -> Changed | None:
     """Return the drives that the motion shows to be later, or earlier, than most; None where it shows none.
 
@@ -96,6 +107,6 @@ def late_joints(before: TrajectoryFit) -> Changed | None:
         return None
     every = LateJoints(tuple(range(own.robot.n)))
     alone = Beside.of(before, every.moved(before, own.robot, np.zeros(own.robot.n)), held=own.delays)
-    apart = np.abs(alone.steps - np.median(alone.steps))
+    apart = np.abs(beyond_common(before, alone.steps))
     joints = np.flatnonzero((apart > LEAST) & (apart > SURE * alone.deviations)).tolist()
     return changed_joints(before, joints, LateJoints, LEAST)

@@ -45,10 +45,13 @@ def described(folder: Path, first: float = 1.0) -> Robot:
     return read_robot(path)
 
 
-def moved(seed: int, tool: float, seconds: float = 6.0, zero: float = 0.0) -> Recording:
+def moved(
+    seed: int, tool: float, seconds: float = 6.0, zero: float = 0.0, late: float = 0.0, rate: float = 0.0
+) -> Recording:
     """Return a log of the arm with a tool of some mass, integrated plainly under held commands.
 
-    The first encoder reads positions too large by its zero, rad.
+    The first encoder reads positions too large by its zero, rad. The second drive is late by some seconds, and adds up
+    the error at a rate, 1/s, of what its gain makes of it.
     """
     rng = np.random.default_rng(seed)
     count, h = round(seconds / DT) + 1, DT / FINE
@@ -74,11 +77,13 @@ def moved(seed: int, tool: float, seconds: float = 6.0, zero: float = 0.0) -> Re
         return (last * x - near * y) / det, (whole * y - near * x) / det
 
     a, b, u, v = *wanted[0].tolist(), 0.0, 0.0
-    q = np.empty((count, 2))
+    q, behind, summed = np.empty((count, 2)), round(late / h), 0.0
     for k in range(count):
         q[k] = a + zero, b
-        told = KP[0] * float(wanted[k, 0]), KP[1] * float(wanted[k, 1])
-        for _ in range(FINE):
+        for n in range(FINE):
+            second = float(wanted[max(k * FINE + n - behind, 0) // FINE, 1])
+            summed += rate * KP[1] * h * (second - b - 0.5 * h * v)
+            told = KP[0] * float(wanted[k, 0]), KP[1] * second + summed
             p, r = pulled(a, b, u, v, told)
             p, r = pulled(a + 0.5 * h * u, b + 0.5 * h * v, u + 0.5 * h * p, v + 0.5 * h * r, told)
             a, b = a + h * (u + 0.5 * h * p), b + h * (v + 0.5 * h * r)
@@ -152,6 +157,43 @@ def test_a_tool_and_a_wrong_gain_are_found_beside_each_other(tmp_path: Path) -> 
     assert not found.unexplained
     # the written robot has the gain, and moves as the log does under the gains that are logged
     assert replay(found.refined, read_recording([log], arm)).mean_abs < 2e-4
+
+
+def test_a_tool_and_a_late_drive_are_found_beside_each_other(tmp_path: Path) -> None:
+    arm, late = described(tmp_path), 0.004
+    log = written(tmp_path, moved(7, TOOL, late=late))
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("payload", None), ("torque_delay", "fore")]
+    tool, delay = found.effects
+    for effect, name, value in ((tool, "m", TOOL), (tool, "cz", -TOOL * REACH), (delay, "delay", late)):
+        assert abs(effect.parameters[name] - value) < 4 * effect.std_error[name]
+    assert not found.unexplained
+    assert replay(found.refined, moved(8, TOOL, 4.0, late=late)).mean_abs < 2e-4
+
+
+@pytest.mark.parametrize("seed", [7, 12])
+def test_of_two_drives_the_late_one_is_named(tmp_path: Path, seed: int) -> None:
+    """That the other is earlier by as much says the same: it was named, late by 0, or both were."""
+    arm, late = described(tmp_path), 0.004
+    log = written(tmp_path, moved(seed, 0.0, late=late))
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+    (delay,) = found.effects
+    assert (delay.effect, delay.joint) == ("torque_delay", "fore")
+    assert abs(delay.parameters["delay"] - late) < 4 * delay.std_error["delay"]
+    assert delay.std_error["delay"] < 1e-4
+    assert not found.also_possible
+
+
+def test_a_tool_and_integral_action_are_found_beside_each_other(tmp_path: Path) -> None:
+    arm, rate = described(tmp_path), 1.5
+    log = written(tmp_path, moved(9, TOOL, rate=rate))
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("payload", None), ("integral_action", "fore")]
+    tool, integral = found.effects
+    for effect, name, value in ((tool, "m", TOOL), (tool, "cz", -TOOL * REACH), (integral, "rate", rate)):
+        assert abs(effect.parameters[name] - value) < 4 * effect.std_error[name]
+    assert not found.unexplained
+    assert replay(found.refined, moved(10, TOOL, 4.0, rate=rate)).mean_abs < 2e-4
 
 
 def test_gains_of_two_joints_that_a_tool_leaves_alike_are_both_named(tmp_path: Path) -> None:
