@@ -19,7 +19,7 @@ SAME = 1e-9
 """Part of such friction by which it may change between two sweeps that agree."""
 
 
-PLAIN = "motion is simulated without Numba, in about ten times the time (pip install numba)"
+PLAIN = "motion is simulated without Numba, in ten times the time and more: pip install numba"
 """What is said before long work where `has_numba` is false."""
 
 
