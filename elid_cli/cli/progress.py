@@ -80,7 +80,7 @@ def _is_shown() -> bool:
 
 def tell_plain_steps(output: Output) -> None:
     """Say on stderr that motion is simulated slowly where Numba is missing; before the work, so on a terminal too."""
-    from elid_cli.model.rollout_loops import PLAIN, has_numba
+    from elid_cli.compiling import PLAIN, has_numba
 
     if not (has_numba() or output.quiet):
         # in place of the line of progress, which is drawn anew below

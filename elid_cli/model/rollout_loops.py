@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.compiling import compiled, has_numba
 
 SWEEPS = 3
 """Sweeps over the joints that couple, each from the friction of the step before."""
@@ -19,31 +18,15 @@ SAME = 1e-9
 """Part of such friction by which it may change between two sweeps that agree."""
 
 
-PLAIN = "motion is simulated without Numba, in ten times the time and more: pip install numba"
-"""What is said before long work where `has_numba` is false."""
-
-
-def has_numba() -> bool:
-    """Whether the loops can be compiled; asks without importing Numba."""
-    return importlib.util.find_spec("numba") is not None
-
-
 @cache
 def compiled_steps() -> Callable[..., None] | None:
     """Return `steps` compiled, or None where Numba is not installed."""
     if not has_numba():
         return None
-    from numba import njit
     from numba.extending import register_jitable
 
-    found: Any
-    try:
-        register_jitable(error_model="numpy")(faded)
-        found = njit(error_model="numpy", cache=True)(steps)
-    except RuntimeError:  # nowhere to keep it
-        found = njit(error_model="numpy")(steps)
-    made: Callable[..., None] = found
-    return made
+    register_jitable(error_model="numpy")(faded)
+    return compiled(steps, error_model="numpy")
 
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls

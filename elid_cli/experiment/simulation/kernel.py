@@ -6,7 +6,6 @@ It is the arithmetic of `System.step` written out, without lists in between, for
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.compiling import compiled, has_numba
 from elid_cli.errors import RobotError
 from elid_cli.experiment.simulation.compiled_periods import periods_source
 from elid_cli.model.base_parameters import find_base
@@ -40,7 +40,7 @@ class Kernel:
     """
 
     def __init__(self, dynamics: Dynamics, evaluations: int) -> None:
-        self.compiled = evaluations >= WORTH and importlib.util.find_spec("numba") is not None
+        self.compiled = evaluations >= WORTH and has_numba()
         sources = _sources(_regrouped(dynamics))
         # Numba keeps what it compiled by name, place and bytecode, which does not hold the numbers: the name must
         mark = hashlib.sha256("".join(text for _, text in sources).encode()).hexdigest()[:16]
@@ -48,7 +48,7 @@ class Kernel:
         for name, text in sources:
             marked = text.replace(f"def {name}(", f"def {name}_{mark}(", 1)
             exec(compile(marked, __file__, "exec"), scope)  # the text holds nothing but the names below and numbers
-            scope[name] = _compiled(scope[f"{name}_{mark}"]) if self.compiled else scope[f"{name}_{mark}"]
+            scope[name] = compiled(scope[f"{name}_{mark}"]) if self.compiled else scope[f"{name}_{mark}"]
         self._accelerations: Callable[..., Numbers] = scope["accelerations"]
         self._advance: Callable[..., Numbers] = scope["advance"]
         self.through: Callable[..., Array] | None = scope["through"] if self.compiled else None
@@ -86,16 +86,6 @@ def _moves_alike(one: Dynamics, other: Dynamics) -> bool:
         if not np.abs(ours - theirs).max() <= SAME * np.abs(theirs).max():
             return False
     return True
-
-
-def _compiled(function: Callable[..., Numbers]) -> Callable[..., Numbers]:
-    from numba import njit
-
-    try:
-        found: Callable[..., Numbers] = njit(cache=True)(function)
-    except RuntimeError:  # nowhere to keep it
-        found = njit(function)
-    return found
 
 
 def _tried(function: Callable[..., Numbers], *numbers: float) -> Numbers:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from elid_cli import compiling
 from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion import whole_robot
 from elid_cli.diagnosis.by_motion.candidates import best_of, kinds_of, screened
@@ -177,7 +178,7 @@ def test_motion_without_numba_says_before_it_begins_that_it_is_slow(
     path, log = robot(tmp_path).source, written(tmp_path, "clean.h5", moved(duration=6.0))
     pytest.importorskip("numba")
     rollout_loops.compiled_steps()  # kept: the work itself is not made slow here
-    monkeypatch.setattr(rollout_loops, "has_numba", lambda: known)
+    monkeypatch.setattr(compiling, "has_numba", lambda: known)
     assert main([line[0], log, "--robot", path, *line[1:]]) == 0
     assert ("pip install numba" in capsys.readouterr().err) is not known
     assert main([line[0], log, "--robot", path, *line[1:], "--quiet"]) == 0
