@@ -1,4 +1,4 @@
-"""The recursion of a rollout as plain loops, for Numba: the same steps as the arrays take, a hundred times as fast."""
+"""The recursion of a rollout as plain loops, which Numba compiles: one rollout after the other, as arrays step."""
 
 from __future__ import annotations
 

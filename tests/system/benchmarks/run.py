@@ -272,7 +272,7 @@ def waiting(folder: Path) -> Iterator[Row]:
     found = case("simulate", str(seconds))
     yield Row(f"simulate {seconds:g} s of PUMA 560, plain Python", f"{found['plain']:.1f} s",
               f"{seconds:g} s, real time", f"{seconds / found['plain']:.1f}×", "≥ 4×")  # fmt: skip
-    yield Row("the same compiled (the extra `fast`)", f"{found['compiled']:.1f} s", f"{found['plain']:.1f} s, plain",
+    yield Row("the same compiled (Numba)", f"{found['compiled']:.1f} s", f"{found['plain']:.1f} s, plain",
               f"{found['plain'] / found['compiled']:.1f}×", "≥ 2.5×",
               f"{seconds / found['compiled']:.0f}× real time")  # fmt: skip
     for name, robot, goal in made_and_shipped(folder):
