@@ -181,7 +181,7 @@ def _also_possible(found: Diagnosis) -> list[Section]:
     items: tuple[tuple[str, Cell], ...] = tuple(
         (
             missing.whose(r.effect, r.joint),
-            f"in place of {missing.spoken(r.instead_of)} it explains {share_text(r.gain)}",
+            f"in place of {missing.replaced(r, found.effects)} it explains {share_text(r.gain)}",
         )
         for r in found.also_possible
     )

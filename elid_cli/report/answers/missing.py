@@ -65,6 +65,12 @@ def whose(effect: str, joint: str | None) -> str:
     return spoken(effect) if joint is None else f"{spoken(effect)} of {joint}"
 
 
+def replaced(rival: Rival, effects: Sequence[FoundEffect]) -> str:
+    """Return what a rival stands in place of, as it is read: ``backlash``; of another joint's, that joint's."""
+    (*others, last) = [e.joint for e in effects if e.effect == rival.instead_of] or [None]
+    return f"that of {last}" if rival.effect == rival.instead_of and last and not others else spoken(rival.instead_of)
+
+
 def summary_words(terms: Sequence[FoundEffect]) -> str:
     """Return what an effect is, as its values say it; terms of one curve, or the same effect at several joints."""
     kind = effect_classes()[terms[0].effect]
@@ -262,7 +268,7 @@ def _better(found: Diagnosis, contribution: Contribution) -> float:
 def further_items(told: DiagnosisInput) -> Items:
     """Return what another log should hold: to tell effects apart, and to know those better that were found."""
     items: list[tuple[str, Cell]] = [
-        (f"to tell {whose(r.effect, r.joint)} from {spoken(r.instead_of)}", r.separate)
+        (f"to tell {whose(r.effect, r.joint)} from {replaced(r, told.found.effects)}", r.separate)
         for r in told.found.also_possible
     ]
     for joint in dict.fromkeys(item.joint for item in told.found.unexplained):

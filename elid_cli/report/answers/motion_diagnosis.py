@@ -18,7 +18,7 @@ from elid_cli.report.answers.drives import drives_needed
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
-from elid_cli.report.answers.missing import named_words, spoken, variable_words, whose
+from elid_cli.report.answers.missing import named_words, replaced, spoken, variable_words, whose
 from elid_cli.report.answers.summary import answers, doubted, listed, record_sections, share_text
 from elid_cli.report.tree import (
     Cell,
@@ -57,7 +57,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
     """
     recording = found.recording
     further = {
-        f"to tell {whose(r.effect, r.joint)} from {spoken(r.instead_of)}": r.separate for r in found.also_possible
+        f"to tell {whose(r.effect, r.joint)} from {replaced(r, found.effects)}": r.separate for r in found.also_possible
     }
     record, planned = _record(found, tuple(further.items()), robot_argument)
     sections: list[Section] = [
@@ -118,8 +118,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
 
 def _rival(rival: Rival) -> dict[str, Any]:
     beside = [picked(effect, "effect joint parameters std_error") for effect in rival.beside]
-    own = picked(rival, "effect joint gain instead_of parameters separate")
-    return {**own, "beside": beside} if beside else own
+    return picked(rival, "effect joint gain instead_of parameters separate") | ({"beside": beside} if beside else {})
 
 
 def _trust(found: MotionDiagnosis) -> str:
@@ -261,7 +260,7 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
     tables: list[Section] = [Table("effects", columns, tuple(rows), title="missing from the model", note=note),
                              KeyValues("meaning", tuple(meanings)), *waiting]  # fmt: skip
     rivals: list[tuple[str, Cell]] = [
-        (whose(r.effect, r.joint), f"in place of {spoken(r.instead_of)} it explains {share_text(r.gain)}")
+        (whose(r.effect, r.joint), f"in place of {replaced(r, found.effects)} it explains {share_text(r.gain)}")
         for r in found.also_possible
     ]
     return [*tables, *([KeyValues("also_possible", tuple(rivals), SAME)] if rivals else [])]

@@ -216,7 +216,9 @@ def test_gains_of_two_joints_that_a_tool_leaves_alike_are_both_named(tmp_path: P
     assert abs(right.parameters["m"] - TOOL) < 4 * right.std_error["m"]
     assert abs(wrong.parameters["m"] - TOOL) > 0.05
     said = f"{other.parameters['m']:.3g} kg if it is torque gain of {rival.joint}."
-    assert said in str(motion_diagnosis_report(found, "arm.yaml").sections)
+    sections = str(motion_diagnosis_report(found, "arm.yaml").sections)
+    assert said in sections
+    assert f"in place of that of {named.joint} it explains" in sections
     assert motion_diagnosis_payload(found)["also_possible"][0]["beside"][0]["parameters"]["m"] == other.parameters["m"]
     friction = replace(found, also_possible=(replace(rival, effect="stribeck"),))
     assert "the mass of the payload" not in str(motion_diagnosis_report(friction, "arm.yaml").sections)
