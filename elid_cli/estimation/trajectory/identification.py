@@ -40,6 +40,7 @@ from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.position_words import mean_words
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
@@ -226,9 +227,10 @@ def identification_of(
             f"what another recording would give differs from these values by {wider:.2g} standard errors "
             "(the median over parameters; each is another_recording in --json)"
         )
+    after, before = (dict(zip(robot.joint_names, rms.tolist(), strict=True)) for rms in (fit.rms, fit.rms_before))
     note = (
-        f"--fit trajectory: {fit.steps} steps; simulated positions are off by {1e3 * fit.rms.mean():.3g} mrad (rms) on "
-        f"average, {1e3 * fit.rms_before.mean():.3g} with the values of least squares; "
+        f"--fit trajectory: {fit.steps} steps; simulated positions are off by {mean_words(robot, after, 3)} (rms) on "
+        f"average, {mean_words(robot, before, 3, bare=True)} with the values of least squares; "
         f"{late_words(robot, fit)}; bodies are held at the file's"
     )
     left_out = [robot_of(fit, z) for z in fit.left_out]

@@ -7,7 +7,6 @@ from math import hypot
 from typing import Any
 
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, mean_abs_of
-from elid_cli.diagnosis.by_motion.torque_gains import gain_name
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import ABOVE
@@ -19,6 +18,7 @@ from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, replaced, spoken, variable_words, whose
+from elid_cli.report.answers.motion_doubts import bodies_words, free_bodies_words, gains_words, load_words, mean_off
 from elid_cli.report.answers.summary import answers, doubted, listed, record_sections, share_text
 from elid_cli.report.tree import (
     Cell,
@@ -34,6 +34,7 @@ from elid_cli.report.tree import (
     percent,
     picked,
 )
+from elid_cli.robot.position_words import small_unit
 
 METHOD = "judged by the simulated motion, on stretches that the values were not fitted to"
 RIGID = " The joints are taken as rigid: play and compliance of their transmissions are not tried."
@@ -89,7 +90,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
     before, after = found.mean_abs
     payload = identification_payload(found.after, found.recording)
     if found.free_bodies is not None:
-        payload["warnings"].append(_free_bodies_words(found))
+        payload["warnings"].append(free_bodies_words(found))
     return {
         **payload,
         "judged_by": "motion",
@@ -122,16 +123,15 @@ def _rival(rival: Rival) -> dict[str, Any]:
 
 
 def _trust(found: MotionDiagnosis) -> str:
-    before, after = (number_text(1e3 * value, 2) for value in found.mean_abs)
-    unit = "mrad" if all(joint.revolute for joint in found.robot.joints) else "mm"
+    before, after = (mean_off(found, fit, bare=k == 0) for k, fit in enumerate((found.fit_before, found.fit_after)))
     worst = max(found.position, key=lambda name: found.position[name].after)
     left = found.unexplained
     verdict = f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}" if left else "Yes"
     added = ", " + ("even when" if left else "once") + " what is missing is added" if found.effects else ""
     was = f" ({before} without)" if found.effects else ""
     words = (
-        f"{verdict}{added}: the motion simulated under the commands is off by {after} {unit} on average{was}, "
-        f"at most by {number_text(1e3 * found.position[worst].after, 2)} {unit} rms (at {worst})."
+        f"{verdict}{added}: the motion simulated under the commands is off by {after} on average{was}, at most by "
+        f"{number_text(1e3 * found.position[worst].after, 2)} {small_unit(found.robot, worst)} rms (at {worst})."
     )
     return doubted(words, (*found.recording.warnings, *found.after.warnings))
 
@@ -139,14 +139,12 @@ def _trust(found: MotionDiagnosis) -> str:
 def _missing(found: MotionDiagnosis) -> str:
     left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
     rigid = RIGID if found.unexplained else ""
-    first = _free_bodies_words(found)
+    first = free_bodies_words(found)
     if found.partial and not found.effects:
         return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
         others = f" Not tried by motion: {_untried_words(found)}." if found.untried else ""
-        none = (
-            f"No effect that was tried by motion brings the motion nearer.{_bodies_words(found)}{left}{others}{rigid}"
-        )
+        none = f"No effect that was tried by motion brings the motion nearer.{bodies_words(found)}{left}{others}{rigid}"
         return f"{first}{'' if first else none}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
@@ -160,62 +158,7 @@ def _missing(found: MotionDiagnosis) -> str:
     named = named_words(places, found.also_possible)
     if first:
         first, named = f"{first} With the bodies of the file: ", named.replace("One of", "one of", 1)
-    return f"{first}{named}{_load_words(found)}{moved}{_gains_words(found)}{_bodies_words(found)}{rigid}"
-
-
-def _load_words(found: MotionDiagnosis) -> str:
-    """Return what a load's mass is with the other of two effects beside it, where the log does not tell which it is.
-
-    Those count that change what a drive or the weight does: friction leaves the mass as it is.
-    """
-    load, kinds = effect_that(local=True, whole_robot=True).name, effect_classes()
-    shifting = {name for name, kind in kinds.items() if kind.of_drive or kind.turns_gravity or kind.moves_zero}
-    beside = [r for r in found.also_possible if r.effect in shifting and r.instead_of != load]
-    if not beside or all(effect.effect != load for effect in found.effects):
-        return ""
-    cases = []
-    for r in beside:
-        mass = next((e.parameters.get("m") for e in r.beside if e.effect == load), None)
-        here = "another, perhaps," if mass is None else f"{number_text(mass, 3)} kg"
-        cases.append(f"{here} if it is {whose(r.effect, r.joint)}")
-    return f" The mass of the {spoken(load)} hangs on that: {listed(cases)}."
-
-
-def _bodies_words(found: MotionDiagnosis) -> str:
-    """Return that other bodies than the file's would bring the motion nearer, where they would."""
-    if not found.other_bodies or found.free_bodies is not None:
-        return ""
-    most = share_text(max(found.other_bodies.values()))
-    return (
-        f" Other bodies than {found.robot.name} describes would bring the motion of {listed(list(found.other_bodies))} "
-        f"nearer as well, by up to {most} of the squared error: check masses and payload (elid identify --fit torque "
-        "estimates them)."
-    )
-
-
-def _free_bodies_words(found: MotionDiagnosis) -> str:
-    """Return that the bodies of least squares come clearly nearer than all effects, where they do."""
-    if found.free_bodies is None:
-        return ""
-    unit = "mrad" if all(joint.revolute for joint in found.robot.joints) else "mm"
-    mine, its = (number_text(1e3 * mean, 2) for mean in (found.mean_abs[1], mean_abs_of(found.free_bodies)))
-    beside = "all that is named here" if found.effects else "the bodies of the file"
-    return (
-        f"Bodies other than {found.robot.name} describes: with those that least squares find, the motion is off by "
-        f"{its} {unit} on average, with {beside} by {mine}. Check masses, centres of mass and payload."
-    )
-
-
-def _gains_words(found: MotionDiagnosis) -> str:
-    """Return that torques of another size come much nearer than the named effects, where they do."""
-    nearer = [rival for rival in found.nearer if rival.effect == gain_name()]
-    if not nearer:
-        return ""
-    joints, sizes = [r.joint or "" for r in nearer], [number_text(1.0 + r.parameters["gain"], 3) for r in nearer]
-    return (
-        f" Of these the torque gain at {listed(joints)} comes clearly nearest: the computed torque is {listed(sizes)} "
-        "times what acts. Check kp and kd first."
-    )
+    return f"{first}{named}{load_words(found)}{moved}{gains_words(found)}{bodies_words(found)}{rigid}"
 
 
 def _untried_words(found: MotionDiagnosis) -> str:

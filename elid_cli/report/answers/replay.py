@@ -10,6 +10,7 @@ from elid_cli.experiment.replay.errors import PositionError, overall, runaways
 from elid_cli.experiment.replay.replay import TORQUE_HORIZON, Replay, pooled
 from elid_cli.report.answers.inputs import log_payload, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
+from elid_cli.robot.position_words import mean_words, small_unit
 from elid_cli.robot.robot import Robot
 
 SHORT_HORIZON = 0.1
@@ -94,8 +95,8 @@ def _sentence(
     else:
         worst = max(error, key=lambda name: error[name].mean_abs)
         said = f"{_average(robot, error)} on average"
-        if len({_unit(robot, name) for name in error}) == 1:
-            said += f"; {worst} is worst with {number_text(1e3 * error[worst].mean_abs, 3)} {_unit(robot, worst)}"
+        if len({small_unit(robot, name) for name in error}) == 1:
+            said += f"; {worst} is worst with {number_text(1e3 * error[worst].mean_abs, 3)} {small_unit(robot, worst)}"
     if before is not None:
         of = ", ".join(runaways(before))
         said += f". {names[1]}: {f'{of} ran away' if of else f'{_average(robot, before)} on average'}"
@@ -108,18 +109,7 @@ def _size(value: float, unit: str) -> Cell:
 
 
 def _average(robot: Robot, error: Mapping[str, PositionError]) -> str:
-    """Return the mean absolute error in words, that of turning and that of sliding joints apart."""
-    parts = []
-    units = dict.fromkeys(_unit(robot, name) for name in error)
-    for unit in units:
-        own = {name: e for name, e in error.items() if _unit(robot, name) == unit}
-        of = f" ({', '.join(own)})" if len(units) > 1 else ""
-        parts.append(f"{number_text(1e3 * overall(own), 3)} {unit}{of}")
-    return " and ".join(parts)
-
-
-def _unit(robot: Robot, joint: str) -> str:
-    return f"m{robot.joint(joint).units[0]}"
+    return mean_words(robot, {name: e.mean_abs for name, e in error.items()}, 3)
 
 
 def _table(robot: Robot, error: Mapping[str, PositionError], other: Mapping[str, PositionError] | None) -> Table:
@@ -130,7 +120,7 @@ def _table(robot: Robot, error: Mapping[str, PositionError], other: Mapping[str,
     ]
     rows: list[tuple[Cell, ...]] = []
     for name, e in error.items():
-        unit = _unit(robot, name)
+        unit = small_unit(robot, name)
         row: list[Cell] = [name, *(_size(v, unit) for v in (e.mean_abs, e.rms, e.offset))]
         if other:
             row.append(_size(other[name].mean_abs, unit) if name in other else None)
@@ -143,7 +133,7 @@ def _by_log(robot: Robot, replays: Sequence[Replay], against: Sequence[Replay]) 
         Column("file", "log"), Column("mean_abs", "mean absolute error", align="right"),
         *((Column("against", "of the other robot", align="right"),) if against else ()),
     ]  # fmt: skip
-    unit = _unit(robot, robot.joint_names[0])
+    unit = small_unit(robot, robot.joint_names[0])
     rows: list[tuple[Cell, ...]] = [
         (item.recording.files[0], _size(item.mean_abs, unit),
          *((_size(against[k].mean_abs, unit),) if against else ()))

@@ -1,0 +1,72 @@
+"""What a diagnosis by motion says beside the effects that it names: a load's mass, other bodies, other gains."""
+
+from __future__ import annotations
+
+from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
+from elid_cli.diagnosis.by_motion.torque_gains import gain_name
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.model.effects import effect_classes, effect_that
+from elid_cli.report.answers.missing import spoken, whose
+from elid_cli.report.answers.summary import listed, share_text
+from elid_cli.report.tree import number_text
+from elid_cli.robot.position_words import mean_words
+
+
+def load_words(found: MotionDiagnosis) -> str:
+    """Return what a load's mass is with the other of two effects beside it, where the log does not tell which it is.
+
+    Those count that change what a drive or the weight does: friction leaves the mass as it is.
+    """
+    load, kinds = effect_that(local=True, whole_robot=True).name, effect_classes()
+    shifting = {name for name, kind in kinds.items() if kind.of_drive or kind.turns_gravity or kind.moves_zero}
+    beside = [r for r in found.also_possible if r.effect in shifting and r.instead_of != load]
+    if not beside or all(effect.effect != load for effect in found.effects):
+        return ""
+    cases = []
+    for r in beside:
+        mass = next((e.parameters.get("m") for e in r.beside if e.effect == load), None)
+        here = "another, perhaps," if mass is None else f"{number_text(mass, 3)} kg"
+        cases.append(f"{here} if it is {whose(r.effect, r.joint)}")
+    return f" The mass of the {spoken(load)} hangs on that: {listed(cases)}."
+
+
+def bodies_words(found: MotionDiagnosis) -> str:
+    """Return that other bodies than the file's would bring the motion nearer, where they would."""
+    if not found.other_bodies or found.free_bodies is not None:
+        return ""
+    most = share_text(max(found.other_bodies.values()))
+    return (
+        f" Other bodies than {found.robot.name} describes would bring the motion of {listed(list(found.other_bodies))} "
+        f"nearer as well, by up to {most} of the squared error: check masses and payload (elid identify --fit torque "
+        "estimates them)."
+    )
+
+
+def free_bodies_words(found: MotionDiagnosis) -> str:
+    """Return that the bodies of least squares come clearly nearer than all effects, where they do."""
+    if found.free_bodies is None:
+        return ""
+    mine, its = mean_off(found, found.fit_after, bare=True), mean_off(found, found.free_bodies)
+    beside = "all that is named here" if found.effects else "the bodies of the file"
+    return (
+        f"Bodies other than {found.robot.name} describes: with those that least squares find, the motion is off by "
+        f"{its} on average, with {beside} by {mine}. Check masses, centres of mass and payload."
+    )
+
+
+def mean_off(found: MotionDiagnosis, fit: TrajectoryFit, *, bare: bool = False) -> str:
+    """Return the mean size of the error of a fit's positions; `bare`: without the unit where joints have the same."""
+    sizes = fit.mean_abs.mean(axis=0).tolist()
+    return mean_words(found.robot, dict(zip(found.robot.joint_names, sizes, strict=True)), 2, bare=bare)
+
+
+def gains_words(found: MotionDiagnosis) -> str:
+    """Return that torques of another size come much nearer than the named effects, where they do."""
+    nearer = [rival for rival in found.nearer if rival.effect == gain_name()]
+    if not nearer:
+        return ""
+    joints, sizes = [r.joint or "" for r in nearer], [number_text(1.0 + r.parameters["gain"], 3) for r in nearer]
+    return (
+        f" Of these the torque gain at {listed(joints)} comes clearly nearest: the computed torque is {listed(sizes)} "
+        "times what acts. Check kp and kd first."
+    )
