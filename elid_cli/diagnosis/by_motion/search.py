@@ -39,6 +39,8 @@ from elid_cli.robot.robot import Robot
 
 ROUNDS = 3
 """Effects that one joint may lack."""
+IN_VAIN = 3
+"""Further rounds of which nothing is kept: what screening prefers at a joint need not be what is missing there."""
 HELPED = 0.75
 """Part of the blocks of time that an effect must make better."""
 FURTHER = 0.3
@@ -119,22 +121,23 @@ def search(
     waiting: list[Named] = []
     dropped = frozenset[tuple[str, int]]()
     try:
-        for number in range(0 if partial else ROUNDS):
-            best, left, count = _best(fit, kinds, say.screening(number), dropped)
+        taken = vain = 0
+        while True:
+            best, left, count = _best(fit, kinds, say.screening(min(taken, ROUNDS - 1)), dropped)
             tried += count
-            if not best:
+            if partial or not best or taken == ROUNDS or vain == IN_VAIN:
                 break
             waiting = best
-            tell = say.fitting(number, len(named) + len(best))
+            tell = say.fitting(taken, len(named) + len(best))
             # nothing counts as found before it is judged: Ctrl-C may come at any time
             fit, named = _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], known, tell)
+            kept = _pairs(best) & _pairs(named)
+            taken, vain = taken + bool(kept), vain + (not kept)
             dropped = _dropped(dropped, best, named)
             waiting = []
             if named:  # they may have hidden how friction turns
                 fit = softened_again(fit)
                 softer, known = softer | gains_of(fit), len(fit.effects) - len(named)
-        else:
-            _, left, _ = _best(fit, kinds)
         if named:
             # what a first effect left while its shape was on its way is none of its own
             fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
@@ -183,10 +186,13 @@ def _dropped(
     before: frozenset[tuple[str, int]], best: Sequence[Named], named: Sequence[Named]
 ) -> frozenset[tuple[str, int]]:
     """Return the effects and joints that were tried in vain, as long as nothing else was taken at the joint."""
-    kept = {(item.effect.name, item.effect.joint) for item in named}
-    tried = {(item.effect.name, item.effect.joint) for item in best}
+    kept, tried = _pairs(named), _pairs(best)
     changed = {joint for _, joint in tried & kept}
     return frozenset(pair for pair in before | (tried - kept) if pair[1] not in changed)
+
+
+def _pairs(found: Sequence[Named]) -> set[tuple[str, int]]:
+    return {(item.effect.name, item.effect.joint) for item in found}
 
 
 def _best(
@@ -214,7 +220,10 @@ def _best(
             *(screened(seen_by(of, unknown, joint), joint, kinds, fit.effects) if of else [] for of in seen)
         )
         tried += len(candidates)
+        in_vain = [c for c in candidates if (c.effect.name, joint) in dropped]
+        candidates = [c for c in candidates if all(c is not other for other in in_vain)]
         if not candidates:
+            left += in_vain[:1]
             continue
         top = candidates[0].gain
         alike = [c for c in candidates if c.gain >= ALIKE * top]
@@ -223,7 +232,7 @@ def _best(
         tried_for = FURTHER if further else LEAST
         least = STUCK if type(best.effect).holds() and not further else max(tried_for, best.effect.least_gain)
         little = best.gain < least or best.helped < HOPEFUL
-        if little or (best.effect.name, joint) in dropped:
+        if little:
             left.append(best)
             continue
         rivals = [c for c in (*alike, *best.forms) if c is not best and c.gain >= ALIKE * top]

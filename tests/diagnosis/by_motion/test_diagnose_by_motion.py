@@ -169,6 +169,25 @@ def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_bette
     assert after < 5e-4
 
 
+def test_what_screening_prefers_at_a_joint_does_not_hide_what_is_missing_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Friction that drifts was tried in vain, and nothing else at this joint after it."""
+
+    def grip(_: np.ndarray, v: np.ndarray, __: np.ndarray) -> np.ndarray:
+        return np.array([0.6 * COULOMB[0] * np.exp(-((v[0] / 0.1) ** 2)), 0.0, 0.0])
+
+    log = written(tmp_path, "slow.h5", moved(1, 6.0, grip=grip))
+    found = told(capsys, "diagnose", log, "--robot", robot(tmp_path).source)
+    assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("stribeck", "one")]
+    assert found["unexplained"] == []
+    # what is left where one effect is all that is tried: the report says what else was not
+    assert main(["diagnose", log, "--robot", robot(tmp_path).source, "--only", "link_spring"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "More than noise is left at one" in said
+    assert "play and compliance of their transmissions are not tried" in said
+
+
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("line", [("diagnose", "--only", "link_spring"), ("identify", "--fit", "trajectory")])
 def test_motion_without_numba_says_before_it_begins_that_it_is_slow(
