@@ -56,7 +56,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
 
 def diagnosed(folder: Path, robot: Robot, seed: int, delay: float, effect: dict[str, Any]) -> MotionDiagnosis:
     does = {name: value for name, value in effect.items() if name not in ("gain", "later")}
-    recording = plant.moved(seed, delay=delay + effect.get("later", 0.0), **does)
+    recording = plant.moved(seed, 16.0, delay=delay + effect.get("later", 0.0), **does)
     for name in ("kp", "kd"):
         recording.commands[name][:] *= effect.get("gain", 1.0)  # type: ignore[index]
     log = plant.written(folder, "log.h5", recording)
