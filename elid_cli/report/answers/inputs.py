@@ -46,7 +46,9 @@ def heading(robot: Robot, recording: Recording | None = None) -> Text:
 
 def recorded_items(robot: Robot, recording: Recording) -> Items:
     """Return what the logs hold and what was repaired."""
-    present = [name for name in SIGNALS if _has(recording, name)]
+    computed = recording.commanded
+    present = [name for name in SIGNALS if _has(recording, name) and not (name == "tau" and computed.all())]
+    present += ["commands"] if computed.any() else []
     stretches = f" in {len(recording.segments)} segments" if len(recording.segments) > 1 else ""
     line = (
         f"{_value(recording.duration)} s at {_value(recording.rate)} Hz{stretches}, "
