@@ -35,7 +35,8 @@ def late_words(robot: Robot, fit: TrajectoryFit) -> str:
     extra = np.broadcast_to(fit.tracked[0].run.extra, robot.n).tolist()
     apart = [f"{name} {1e3 * more:.2g} ms later than that" for name, more in zip(robot.joint_names, extra, strict=True)
              if more]  # fmt: skip
-    return f"the motion is {', '.join((f'{usual} ms later than the commands', *apart))}"
+    same = " (the same is assumed for all drives)" if robot.n > 1 and fit.delays.any() and not apart else ""
+    return f"the motion is {', '.join((f'{usual} ms later than the commands{same}', *apart))}"
 
 
 def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
