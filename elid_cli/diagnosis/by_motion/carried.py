@@ -37,6 +37,8 @@ LEAST_ARM = 0.03
 """m; a load is at least as far from the joint's axis, and taken to be where no joint feels its mass."""
 ALONE = 1e-6
 """Part of a parameter's torques that no other can make, from which it is told."""
+ROUNDED = 1e-12
+"""Part of the largest torque of a parameter below which another's are none."""
 FREELY = 1e3
 """Times that rotors rather than the load's inertia make up for what is its mass's at a distance."""
 STRENGTH = 0.05
@@ -215,7 +217,7 @@ def real_load(robot: Robot, load: Array, number: int = -1) -> Array:
         inertia = (first @ first * np.eye(3) - np.outer(first, first)) / mass
         found[TOLD:] = [inertia["xyz".index(name[1]), "xyz".index(name[2])] for name in LINK_PARAMETERS[TOLD:]]
     # what rotors can stand for is theirs: their inertias are found anew with the robot
-    both = np.concatenate([body[:, TOLD:], FREELY * _rotors(robot)], axis=1)
+    both = np.concatenate([body[:, TOLD:], FREELY * _of_drives(robot)], axis=1)
     found[TOLD:] += np.linalg.lstsq(both, body @ (load - found), rcond=1e-9)[0][: len(load) - TOLD]
     return found
 
@@ -227,13 +229,15 @@ def _with_body(robot: Robot, number: int, parameters: Mapping[str, float]) -> Ro
 
 
 def _felt(robot: Robot, number: int) -> tuple[tuple[int, ...], tuple[bool, ...]]:
-    """Return the parameters of a body that neither rotors' inertias nor those before them can stand for.
+    """Return the parameters of a body that neither what every drive has of its own nor those before them can stand for.
+
+    A drive has a rotor's inertia and an offset: a sliding joint's weight is one.
 
     And which of them those after them cannot, either.
     """
-    body, rotors = _of_body(robot, number), _rotors(robot)
+    body, rotors = _of_body(robot, number), _of_drives(robot)
     leaders = leftmost(np.concatenate([rotors, body], axis=1), payload.TOLERANCE, null=0.0).leaders
-    kept = tuple(int(k) - robot.n for k in leaders if k >= robot.n)
+    kept = tuple(int(k) - rotors.shape[1] for k in leaders if k >= rotors.shape[1])
     alone = []
     for k in kept:
         others = np.concatenate([rotors, np.delete(body, k, axis=1)], axis=1)
@@ -242,16 +246,19 @@ def _felt(robot: Robot, number: int) -> tuple[tuple[int, ...], tuple[bool, ...]]
     return kept, tuple(alone)
 
 
-def _rotors(robot: Robot) -> Array:
-    """Return the columns of the rotors' inertias over all joints and the instants of `_of_body`, (R, n)."""
+def _of_drives(robot: Robot) -> Array:
+    """Return the columns of rotors' inertias and torque offsets over all joints and `_of_body`'s instants, (R, 2 n)."""
     motion = random_motion(robot.n, robot.elastic, samples=24)
-    return (np.eye(robot.n)[:, :, None] * motion.ddq.T[None]).reshape(robot.n, -1).T
+    own = np.eye(robot.n)[:, :, None]
+    return np.concatenate([own * motion.ddq.T[None], own * np.ones_like(motion.ddq.T)[None]]).reshape(2 * robot.n, -1).T
 
 
 def _of_body(robot: Robot, number: int) -> Array:
     """Return the columns of a body's parameters over all joints and some instants, (R, 10)."""
     columns = body_columns(robot, number % robot.n, random_motion(robot.n, robot.elastic, samples=24))
-    return columns.transpose(0, 2, 1).reshape(-1, len(LINK_PARAMETERS))
+    found = columns.transpose(0, 2, 1).reshape(-1, len(LINK_PARAMETERS))
+    size = np.abs(found).max(axis=0)
+    return np.where(size > ROUNDED * size.max(), found, 0.0)  # what is left of rounding is nothing that joints feel
 
 
 def _columns(robot: Robot, item: Tracked, number: int) -> Array:

@@ -163,7 +163,7 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
     """Return what a search finds by gains of the drives and by changes, what comes nearer first."""
     found, gains, scales = _asked_gains(plain, log, off)
     found, asked, rivals = _asked_changes(found, log)
-    if asked is None or (gains is not None and not clearly_nearer(asked.fit, gains.fit)):
+    if asked is None or (gains is not None and not _goes_before(asked, gains, plain)):
         found, log = _by_gains(found, log, gains, scales)
         if found.scaled.any():
             found, asked, rivals = _asked_changes(found, log)
@@ -172,6 +172,14 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
     if found.changes:
         found, gains, scales = _asked_gains(found, log, ())
     return _by_gains(found, log, gains, scales)[0]
+
+
+def _goes_before(asked: Together, gains: Gains, plain: Found) -> bool:
+    """Whether a change is named before gains: it comes clearly nearer, or is a load that does as well as several."""
+    several = int(nearer(plain.done.after, gains, plain.done.named).sum()) > 1
+    return clearly_nearer(asked.fit, gains.fit) or (
+        asked.whole and several and not clearly_nearer(gains.fit, asked.fit)
+    )
 
 
 def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
