@@ -14,7 +14,7 @@ def test_turning_and_sliding_joints_are_told_apart() -> None:
     sizes = {first: 2e-4, second: 4e-4}
     assert mean_words(robot, sizes, 2) == "0.3 mrad"
     assert mean_words(robot, sizes, 2, bare=True) == "0.3"
-    mixed = replace(robot, joints=(replace(robot.joints[0], revolute=False), robot.joints[1]))
+    mixed = replace(robot, joints=(replace(robot.joints[0], type="prismatic"), robot.joints[1]))
     assert [small_unit(mixed, name) for name in mixed.joint_names] == ["mm", "mrad"]
     told = f"0.2 mm ({first}) and 0.4 mrad ({second})"
     assert mean_words(mixed, sizes, 2) == told
