@@ -40,7 +40,7 @@ ALONE = 1e-6
 ROUNDED = 1e-12
 """Part of the largest torque of a parameter below which another's are none."""
 FREELY = 1e3
-"""Times that rotors rather than the load's inertia make up for what is its mass's at a distance."""
+"""Times that drives rather than the load's inertia make up for what is its mass's at a distance."""
 STRENGTH = 0.05
 """Torque by which loads are varied, in parts of the usual Coulomb friction …"""
 LEAST = 1e-6
@@ -216,7 +216,7 @@ def real_load(robot: Robot, load: Array, number: int = -1) -> Array:
     if mass:
         inertia = (first @ first * np.eye(3) - np.outer(first, first)) / mass
         found[TOLD:] = [inertia["xyz".index(name[1]), "xyz".index(name[2])] for name in LINK_PARAMETERS[TOLD:]]
-    # what rotors can stand for is theirs: their inertias are found anew with the robot
+    # what drives can stand for is theirs: their inertias and offsets are found anew with the robot
     both = np.concatenate([body[:, TOLD:], FREELY * _of_drives(robot)], axis=1)
     found[TOLD:] += np.linalg.lstsq(both, body @ (load - found), rcond=1e-9)[0][: len(load) - TOLD]
     return found
@@ -235,12 +235,12 @@ def _felt(robot: Robot, number: int) -> tuple[tuple[int, ...], tuple[bool, ...]]
 
     And which of them those after them cannot, either.
     """
-    body, rotors = _of_body(robot, number), _of_drives(robot)
-    leaders = leftmost(np.concatenate([rotors, body], axis=1), payload.TOLERANCE, null=0.0).leaders
-    kept = tuple(int(k) - rotors.shape[1] for k in leaders if k >= rotors.shape[1])
+    body, drives = _of_body(robot, number), _of_drives(robot)
+    leaders = leftmost(np.concatenate([drives, body], axis=1), payload.TOLERANCE, null=0.0).leaders
+    kept = tuple(int(k) - drives.shape[1] for k in leaders if k >= drives.shape[1])
     alone = []
     for k in kept:
-        others = np.concatenate([rotors, np.delete(body, k, axis=1)], axis=1)
+        others = np.concatenate([drives, np.delete(body, k, axis=1)], axis=1)
         left = body[:, k] - others @ np.linalg.lstsq(others, body[:, k], rcond=1e-10)[0]
         alone.append(bool(np.linalg.norm(left) > ALONE * np.linalg.norm(body[:, k])))
     return kept, tuple(alone)

@@ -159,16 +159,21 @@ def test_a_tool_and_a_wrong_gain_are_found_beside_each_other(tmp_path: Path) -> 
     assert replay(found.refined, read_recording([log], arm)).mean_abs < 2e-4
 
 
-def test_a_tool_and_a_late_drive_are_found_beside_each_other(tmp_path: Path) -> None:
-    arm, late = described(tmp_path), 0.004
-    log = written(tmp_path, moved(7, TOOL, late=late))
+@pytest.mark.parametrize(
+    ("does", "kind", "name"), [({"late": 0.004}, "torque_delay", "delay"), ({"rate": 1.5}, "integral_action", "rate")]
+)
+def test_a_tool_and_what_a_drive_does_are_found_beside_each_other(
+    tmp_path: Path, does: dict[str, float], kind: str, name: str
+) -> None:
+    arm, (truth,) = described(tmp_path), does.values()
+    log = written(tmp_path, moved(7, TOOL, **does))
     found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
-    assert [(e.effect, e.joint) for e in found.effects] == [("payload", None), ("torque_delay", "fore")]
-    tool, delay = found.effects
-    for effect, name, value in ((tool, "m", TOOL), (tool, "cz", -TOOL * REACH), (delay, "delay", late)):
-        assert abs(effect.parameters[name] - value) < 4 * effect.std_error[name]
+    assert [(e.effect, e.joint) for e in found.effects] == [("payload", None), (kind, "fore")]
+    tool, of_drive = found.effects
+    for effect, what, value in ((tool, "m", TOOL), (tool, "cz", -TOOL * REACH), (of_drive, name, truth)):
+        assert abs(effect.parameters[what] - value) < 4 * effect.std_error[what]
     assert not found.unexplained
-    assert replay(found.refined, moved(8, TOOL, 4.0, late=late)).mean_abs < 2e-4
+    assert replay(found.refined, moved(8, TOOL, 4.0, **does)).mean_abs < 2e-4
 
 
 @pytest.mark.parametrize("seed", [7, 12])
@@ -182,18 +187,6 @@ def test_of_two_drives_the_late_one_is_named(tmp_path: Path, seed: int) -> None:
     assert abs(delay.parameters["delay"] - late) < 4 * delay.std_error["delay"]
     assert delay.std_error["delay"] < 1e-4
     assert not found.also_possible
-
-
-def test_a_tool_and_integral_action_are_found_beside_each_other(tmp_path: Path) -> None:
-    arm, rate = described(tmp_path), 1.5
-    log = written(tmp_path, moved(9, TOOL, rate=rate))
-    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
-    assert [(e.effect, e.joint) for e in found.effects] == [("payload", None), ("integral_action", "fore")]
-    tool, integral = found.effects
-    for effect, name, value in ((tool, "m", TOOL), (tool, "cz", -TOOL * REACH), (integral, "rate", rate)):
-        assert abs(effect.parameters[name] - value) < 4 * effect.std_error[name]
-    assert not found.unexplained
-    assert replay(found.refined, moved(10, TOOL, 4.0, rate=rate)).mean_abs < 2e-4
 
 
 def test_gains_of_two_joints_that_a_tool_leaves_alike_are_both_named(tmp_path: Path) -> None:
