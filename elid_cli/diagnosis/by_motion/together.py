@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -98,6 +98,12 @@ class Together:
     def whole(self) -> bool:
         """Whether one of them is named only where all but noise is explained with it."""
         return any(change.by.whole for change in self.changes)
+
+    def is_nearer(self, one: TrajectoryFit, other: TrajectoryFit) -> bool:
+        """Whether a fit with them is clearly nearer than another, or with one that counts however little it does."""
+        return clearly_nearer(one, other) or (
+            len(self.changes) == 1 and replace(self.changes[0], fit=one).is_nearer(other)
+        )
 
     def explains(self, before: Array, signals: Signals, least: float) -> bool:
         """Whether they take most of what a fit without leaves beyond the encoders' noise, by the mean over the joints.

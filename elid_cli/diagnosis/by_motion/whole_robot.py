@@ -32,7 +32,7 @@ from elid_cli.estimation.trajectory.changes import Changed, retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
-from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
+from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints, with_doubts
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import with_drives
@@ -297,7 +297,7 @@ def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[
         return found, log
     other, done = log.changed(asked)
     # a load may bring little with the values that it has alone
-    if not (asked.whole or clearly_nearer(done.after, found.done.after)):
+    if not (asked.whole or asked.is_nearer(done.after, found.done.after)):
         return found, log
     if log.is_left(done.after, HIDING if asked.whole else DOUBTED):
         for again, twins in _nearer_yet(found, log, asked, done):
@@ -305,7 +305,7 @@ def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[
                 more, better = log.changed(again)
                 if clearly_nearer(better.after, done.after):
                     asked, other, done, rivals = again, more, better, (*rivals, *twins)
-    if not clearly_nearer(done.after, found.done.after):
+    if not asked.is_nearer(done.after, found.done.after):
         return found, log
     explained = asked.explains(found.plain.above_noise(log.signals), log.signals, DOUBTED)
     if asked.whole and not (explained and (done.after.above_noise(log.signals) < ABOVE).all()):
@@ -337,8 +337,8 @@ def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Ite
 
 
 def _aware(found: Found) -> TrajectoryFit:
-    """Return the fit with errors that know those of gains and of a change."""
-    fit = found.done.after
+    """Return the fit with errors that know those of gains and of a change, and of delays that were not taken."""
+    fit = with_doubts(found.done.after)
     moved = [change.by.moved(fit, change.level, change.values) for change in found.changes]
     if found.scaled.any():
         moved.append(moved_by_gains(fit, np.flatnonzero(found.scaled).tolist()))

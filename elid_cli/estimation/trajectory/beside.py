@@ -37,10 +37,18 @@ class Beside:
     """… and by how much these do, (U,)."""
     deviations: Array
     """Standard errors, by short parts of the log that are left out, (L,)."""
-    added: Array
-    """What their errors add to the covariance of the others, (U, U)."""
+    spread: Array
+    """Their covariance, (L, L)."""
+    slopes: Array
+    """By how much the others change with each, (L, U)."""
     left: Array
     """Part of every joint's squared error that the step leaves, by first order, (n,)."""
+
+    @property
+    def added(self) -> Array:
+        """What their errors add to the covariance of the others, (U, U)."""
+        found: Array = self.slopes.T @ self.spread @ self.slopes
+        return found
 
     @classmethod
     def of(cls, fit: TrajectoryFit, moved: Sequence[Array], held: slice = slice(0)) -> Beside:
@@ -77,16 +85,15 @@ class Beside:
         matrix, load, first = matrix[:, used][:, :, used], load[:, used], len(shown)
         whole = matrix.sum(axis=0)
         spread = jackknife(steps_without(matrix, load, DAMPING))[first:, first:]
-        slopes = np.array([step_of(whole[:first, :first], column, DAMPING) for column in whole[:first, first:].T])
-        added = np.zeros((own.count, own.count))
-        added[np.ix_(shown, shown)] = slopes.T @ spread @ slopes
+        slopes = np.zeros((count, own.count))
+        slopes[:, shown] = [step_of(whole[:first, :first], column, DAMPING) for column in whole[:first, first:].T]
         deviations = np.sqrt(np.diag(spread))
         near, far = (step_of(m, load.sum(axis=0), DAMPING) for m in (whole, straight[np.ix_(used, used)]))
         # an error that is no noise bends as the weights alone have it, and steps by the loss would go too far
         step = near if (np.abs(near[first:]) <= FAR * deviations).all() else far
         along = np.zeros(own.count)
         along[shown] = step[:first]
-        return cls(step[first:], along, deviations, added, _left(seen, columns, moved, along, step[first:]))
+        return cls(step[first:], along, deviations, spread, slopes, _left(seen, columns, moved, along, step[first:]))
 
 
 def _left(

@@ -13,6 +13,7 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beside import SETTLED, Beside
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects.effect import Effect
@@ -52,6 +53,9 @@ class Change(ABC):
     """Largest size of a number, of all or (count,) of each."""
     summary: str = ""
     """What it is, in words; empty: those of the effect."""
+    little: bool = False
+    """Whether it counts however little nearer it brings the motion, where nothing but noise is left with it: it bends
+    other values by many of their errors."""
     whole: bool = False
     """Whether it is named only where all but noise is explained with it: what else is missing may imitate it."""
 
@@ -145,7 +149,11 @@ class Changed:
 
     def is_nearer(self, before: TrajectoryFit) -> bool:
         """Whether it brings the motion clearly nearer than a fit without, on the whole."""
-        return nearer_by(self.fit, before) > max(CLEARLY, PER_JOINT * self.level.n) and self.gain(before) > 0
+        least = max(CLEARLY, PER_JOINT * self.level.n)
+        if _counts(self.by, self.fit):
+            # twice the logarithm of the likelihood of noise without memory
+            least = min(least, 0.5 * SURE**2 / sum(int(item.counts.sum()) for item in before.tracked))
+        return nearer_by(self.fit, before) > least and self.gain(before) > 0
 
     def squares(self, before: TrajectoryFit) -> tuple[Array, Array]:
         """Return the squared errors of every joint, in the size that a fit leaves, of that fit and with the change."""
@@ -214,7 +222,7 @@ def descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | No
     for number in range(done, STEPS):
         moved = by.moved(fit, level, values)
         found = Beside.of(fit, moved)
-        if before is not None and number == 0 and -0.5 * np.log(found.left).sum() < HOPEFUL:
+        if before is not None and number == 0 and not by.little and -0.5 * np.log(found.left).sum() < HOPEFUL:
             return None
         shown = np.any([np.abs(part).max(axis=(0, 1)) > STILL for part in moved], axis=0)
         deviations = np.where(shown, np.hypot(found.deviations, COARSE * by.most), np.inf)
@@ -229,10 +237,15 @@ def descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | No
             return None
         fell = nearer_by(again, fit)
         fit = again
-        if before is not None and number >= TRIED and nearer_by(fit, before) < HOPEFUL:
+        if before is not None and number >= TRIED and nearer_by(fit, before) < HOPEFUL and not _counts(by, fit):
             return None
     made = Changed(by, values, deviations, level, fit)
     return made if made.sure.any() and (np.abs(values) < by.most).all() else None
+
+
+def _counts(by: Change, fit: TrajectoryFit) -> bool:
+    """Whether a change counts however little nearer it brings the motion: it leaves nothing but noise."""
+    return by.little and not has_memory(fit.equations)
 
 
 def changed_joints(

@@ -71,6 +71,8 @@ class TrajectoryFit:
     """Normal equations at the end."""
     tracked: tuple[Tracked, ...]
     """The stretches about their simulated motions."""
+    apart: Array | float = 0.0
+    """Standard errors of the joints' own delays beside those of the recordings, s, (n,)."""
     held: TrajectoryFit | None = None
     """The fit with friction that holds a joint at rest, of one in which it was found to fade in at some joints."""
 

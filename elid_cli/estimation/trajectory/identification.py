@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -14,6 +14,7 @@ from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.judgement import ModelWord
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
+from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.decided import fit_with_columns
 from elid_cli.estimation.trajectory.differing import as_last, differing
@@ -26,7 +27,7 @@ from elid_cli.estimation.trajectory.found_effects import (
     settled,
 )
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
-from elid_cli.estimation.trajectory.late_joints import late_joints
+from elid_cli.estimation.trajectory.late_joints import late_joints, of_every, with_doubts
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
 from elid_cli.estimation.trajectory.softening import columns_of
@@ -108,9 +109,14 @@ def fit_of(
     start = started_from(robot, signals) if start is None else start
     fit, columns = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=delays)
     if delays:
-        apart = late_joints(fit)
+        alone: Beside | None = of_every(fit)
+        apart = late_joints(fit, alone)
         if apart is not None and apart.is_nearer(fit):
-            fit, columns = apart.aware(), columns_of(apart.fit)
+            alone = None
+            errors = np.zeros(robot.n)
+            errors[list(apart.by.joints)] = apart.deviations
+            fit, columns = replace(apart.aware(), apart=errors), columns_of(apart.fit)
+        fit = with_doubts(fit, alone)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
@@ -261,10 +267,11 @@ def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -
     values, errors = fit.unknowns.joint_values(settled(fit)), fit.unknowns.joint_values(fit.deviation)
     late, unsure = fit.joint_delays.mean(axis=0).tolist(), np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2))
     scatter = float(np.std(fit.delays, ddof=1)) if len(fit.delays) > 1 else 0.0
-    names, unsure = robot.joint_names, math.hypot(unsure, scatter)
-    late_ones = [(name, delay) for name, delay in zip(names, late, strict=True) if fit.delays.any() or delay]
+    names = robot.joint_names
+    unsure_of = np.sqrt(unsure**2 + scatter**2 + np.broadcast_to(fit.apart, robot.n) ** 2).tolist()
+    late_ones = [one for one in zip(names, late, unsure_of, strict=True) if fit.delays.any() or one[1]]
     return (
         *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
           for k, name in enumerate(names) if shown[k]),
-        *(Nuisance(delay_name(), name, {"delay": delay}, {"delay": unsure}) for name, delay in late_ones),
+        *(Nuisance(delay_name(), name, {"delay": delay}, {"delay": error}) for name, delay, error in late_ones),
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from elid_cli.robot.robot import Robot
 
 NUDGE = 1e-4
 """s by which a drive is made later to see what that does."""
+HINTED = 2.0
+"""Standard errors from which errors of other values count a delay that was not taken."""
 LEAST = 2e-4
 """s by which a drive must be later than the others."""
 
@@ -32,6 +34,7 @@ class LateJoints(Change):
     joints: tuple[int, ...]
     kind = effect_that(nuisance="delay")
     most = LATEST
+    little = True
 
     def run(self, plain: Run, values: Array) -> Run:
         """Return the stretch with these drives later than they are."""
@@ -96,17 +99,38 @@ def beyond_common(fit: TrajectoryFit, later: Array) -> Array:
     return found
 
 
-def late_joints(before: TrajectoryFit) -> Changed | None:
+def late_joints(before: TrajectoryFit, alone: Beside | None = None) -> Changed | None:
     """Return the drives that the motion shows to be later, or earlier, than most; None where it shows none.
 
     With the recording's own delay held, each joint has one; those that are apart from the median of all are found again
-    beside it.
+    beside it. `alone` is `of_every` of the fit, where that is known.
     """
-    own = before.unknowns
-    if own.robot.n < 2:
+    if before.unknowns.robot.n < 2:
         return None
-    every = LateJoints(tuple(range(own.robot.n)))
-    alone = Beside.of(before, every.moved(before, own.robot, np.zeros(own.robot.n)), held=own.delays)
+    alone = of_every(before) if alone is None else alone
     apart = np.abs(beyond_common(before, alone.steps))
     joints = np.flatnonzero((apart > LEAST) & (apart > SURE * alone.deviations)).tolist()
     return changed_joints(before, joints, LateJoints, LEAST)
+
+
+def with_doubts(fit: TrajectoryFit, alone: Beside | None = None) -> TrajectoryFit:
+    """Return a fit with errors that know of delays of single drives that were not taken.
+
+    In slow motion a drive that is late by less than the log is sure of bends viscous friction and armature by many of
+    their errors. How late each may be is what the motion would have, as far as that is more than its own error; no
+    drive is ahead of its commands. `alone` is `of_every` of the fit, where that is known.
+    """
+    if fit.unknowns.robot.n < 2:
+        return fit
+    alone = of_every(fit) if alone is None else alone
+    hinted = np.where(np.abs(alone.steps) > HINTED * alone.deviations, alone.steps, 0.0)
+    hinted = np.maximum(hinted, -np.maximum(fit.joint_delays.mean(axis=0), 0.0))
+    more = np.maximum(hinted**2 - alone.deviations**2, 0.0)
+    return replace(fit, covariance=fit.covariance + (alone.slopes.T * more) @ alone.slopes)
+
+
+def of_every(fit: TrajectoryFit) -> Beside:
+    """Return a delay of every joint's own beside a fit, the recording's own held."""
+    own = fit.unknowns
+    every = LateJoints(tuple(range(own.robot.n)))
+    return Beside.of(fit, every.moved(fit, own.robot, np.zeros(own.robot.n)), held=own.delays)

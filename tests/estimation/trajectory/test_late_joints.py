@@ -1,0 +1,71 @@
+"""A drive that acts later than the others: found below the noise, and counted in the errors where it is not sure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.trajectory import identification
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.identification import fit_of
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion import plant
+
+TRUTH = np.stack([plant.ARMATURE, plant.COULOMB, plant.VISCOUS], axis=1)
+NOISE = 2e-3
+"""rad: more than what a drive that is late by a millisecond changes of the motion."""
+
+
+@pytest.fixture(scope="module")
+def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    bare = plant.robot(tmp_path_factory.mktemp("pendulums"))
+    return replace(bare, joints=tuple(replace(joint, transmission="rigid") for joint in bare.joints))
+
+
+def logged(seed: int, late: float) -> Recording:
+    """Return a log in which the first drive is late, s, with the torque of its commands."""
+    recording = plant.moved(seed, delay=np.array([late, 0.0, 0.0]), noise=NOISE)
+    told = recording.commands
+    tau = told["kp"] * (told["q_des"] - recording.q) + told["kd"] * (told["dq_des"] - recording.dq)
+    return replace(recording, tau=tau)
+
+
+def errors(fit: TrajectoryFit) -> np.ndarray:
+    """Return how far the values are from the truth in standard errors, (3, 3)."""
+    found = (fit.values[:, :3] - TRUTH) / fit.unknowns.joint_values(fit.deviation)[:, :3]
+    return np.asarray(found)
+
+
+def test_late_drive_below_the_noise_is_named(pendulums: Robot) -> None:
+    log = logged(0, 0.006)
+    signals = prepare(log, pendulums)
+    fit, _ = fit_of(pendulums, signals, log)
+    late = fit.joint_delays[0]
+    own = float(np.broadcast_to(fit.apart, 3)[0])
+    assert abs(late[0] - late[1] - 0.006) < 4 * own < 0.004
+    assert late[1] == late[2]
+    assert np.abs(errors(fit)).max() < 3.5
+
+    told = diagnose_motion(pendulums, signals)
+    assert [(effect.effect, effect.joint) for effect in told.effects] == [("torque_delay", "one")]
+
+
+def test_no_drive_is_named_late_in_clean_logs(pendulums: Robot) -> None:
+    for seed in range(4):
+        log = logged(seed, 0.0)
+        fit, _ = fit_of(pendulums, prepare(log, pendulums), log)
+        assert np.ptp(fit.joint_delays) == 0
+
+
+def test_delays_that_are_not_sure_are_in_the_errors(pendulums: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    logs = [logged(seed, 0.001) for seed in (0, 1, 3, 4)]
+    know = np.array([errors(fit_of(pendulums, prepare(log, pendulums), log)[0]) for log in logs])
+    monkeypatch.setattr(identification, "with_doubts", lambda fit, alone: fit)
+    do_not = np.array([errors(fit_of(pendulums, prepare(log, pendulums), log)[0]) for log in logs])
+    assert np.sqrt(np.mean(know[:, 0] ** 2)) < 1.7
+    assert np.sqrt(np.mean(do_not[:, 0] ** 2)) > 3.0
