@@ -13,7 +13,7 @@ from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.late_joints import beyond_common
+from elid_cli.estimation.trajectory.late_joints import beyond_common, may_be_late
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -140,8 +140,9 @@ class Together:
         steps, deviations = (
             part[len(one.values) - kind.of(joints).count :] for part in (alone.steps, alone.deviations)
         )
+        may = may_be_late(self.fit, steps, deviations) if kind.common else np.ones(robot.n, dtype=bool)
         steps = beyond_common(self.fit, steps) if kind.common else steps
-        left = tuple(k for k in joints if not kind.local or abs(steps[k]) > HINTED * deviations[k])
+        left = tuple(k for k in joints if not kind.local or (may[k] and abs(steps[k]) > HINTED * deviations[k]))
         while left:
             one = self._with(robot, kind.of(left))
             found = descended(one, plain, self.fit)

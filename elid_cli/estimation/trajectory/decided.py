@@ -11,6 +11,7 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.normal_equations import jackknife
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted_with_columns
+from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.softening import columns_of, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
@@ -24,7 +25,9 @@ that the log does not show would only take the friction's precision. One that is
 and friction without a word: where it was 2.8 errors off, an armature came out twice too large."""
 
 AHEAD = 8.0
-"""The same of one that is negative."""
+"""The same of one that is negative …"""
+NEARER = 0.2
+"""… and the sum over the joints of the logarithm by which the error then falls, unless only noise is left."""
 
 
 def fit_trajectory(
@@ -100,14 +103,27 @@ def late_or_prompt(
         except DataError:  # with delays the motion ran away: without them it may not
             tracked = copies
         else:
-            if _shows_delays(free):
-                return free, columns
-            slow, tell = free.z.copy(), None
-    slow[unknowns.delays] = 0.0
-    return fitted_with_columns(unknowns, tracked, slow, prompt=True, tell=tell)
+            if shows_delays(free):
+                ahead = (free.delays < 0).any() and has_memory(free.equations)
+                if not ahead:
+                    return free, columns
+                prompt = without_delays(unknowns, copies, free.z)
+                clear = np.log(prompt[0].equations.size / free.equations.size).sum() > NEARER
+                return (free, columns) if clear else prompt
+            slow, tell = free.z, None
+    return without_delays(unknowns, tracked, slow, tell)
 
 
-def _shows_delays(fit: TrajectoryFit) -> bool:
+def without_delays(
+    unknowns: Unknowns, tracked: list[Tracked], near: Array, tell: Callable[[float], None] | None = None
+) -> tuple[TrajectoryFit, list[Array]]:
+    """Return the fit without delays, started from unknowns (U,)."""
+    z = near.copy()
+    z[unknowns.delays] = 0.0
+    return fitted_with_columns(unknowns, tracked, z, prompt=True, tell=tell)
+
+
+def shows_delays(fit: TrajectoryFit) -> bool:
     """Whether the delay of a recording is clear of 0.
 
     A motion ahead of its commands is a fault of the stamps, if it is any: what a model lacks looks so more often.

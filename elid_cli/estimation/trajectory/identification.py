@@ -32,7 +32,14 @@ from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
-from elid_cli.estimation.trajectory.words import bodies_words, difference_words, late_words, loop_words, softness_words
+from elid_cli.estimation.trajectory.words import (
+    bodies_words,
+    difference_words,
+    doubt_words,
+    late_words,
+    loop_words,
+    softness_words,
+)
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import as_acting, declared_gains, declared_integrals
@@ -254,7 +261,7 @@ def identification_of(
         delays=np.zeros(robot.n),
         nuisances=channel_faults(robot, fit, moves[:, 3]),
         effects=fitted_effects(robot, fit),
-        notes=(note, *apart, *loop_words(robot, fit, signals, moves)),
+        notes=(note, *apart, *doubt_words(robot, fit), *loop_words(robot, fit, signals, moves)),
         settings={**settings_of(found, fit, moves), "beyond_noise": beyond, "other_bodies": dict(bodies)},
         warnings=bodies_words(robot, bodies),
         model=model,

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beside import Beside, moved_by_runs
 from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints, nearer_by
-from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.decided import fit_trajectory, shows_delays, without_delays
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import LATEST
 from elid_cli.model.effects import effect_that
@@ -107,10 +108,38 @@ def late_joints(before: TrajectoryFit, alone: Beside | None = None) -> Changed |
     """
     if before.unknowns.robot.n < 2:
         return None
-    alone = of_every(before) if alone is None else alone
+    found = _late_joints(before, of_every(before) if alone is None else alone)
+    if found is None or not before.delays.any() or shows_delays(found.fit):
+        return found
+    # what all seemed to have was the late ones'
+    prompt = without_delays(before.unknowns, [replace(item) for item in before.tracked], before.z)[0]
+    return _late_joints(prompt, of_every(prompt)) or found
+
+
+def _late_joints(before: TrajectoryFit, alone: Beside) -> Changed | None:
     apart = np.abs(beyond_common(before, alone.steps))
-    joints = np.flatnonzero((apart > LEAST) & (apart > SURE * alone.deviations)).tolist()
-    return changed_joints(before, joints, LateJoints, LEAST)
+    sure = (apart > LEAST) & (apart > SURE * alone.deviations)
+    joints = np.flatnonzero(sure & may_be_late(before, alone.steps, alone.deviations)).tolist()
+    while True:
+        found = changed_joints(before, joints, LateJoints, LEAST)
+        if found is None:
+            return None
+        errors = np.zeros(len(apart))
+        errors[list(found.by.joints)] = found.deviations
+        may = may_be_late(found.fit, np.zeros(len(apart)), errors)
+        joints = [k for k in found.by.joints if may[k]]
+        if len(joints) == len(found.by.joints):
+            return found
+
+
+def may_be_late(fit: TrajectoryFit, later: Array, deviations: Array) -> NDArray[np.bool_]:
+    """Whether drives that are `later` than in a fit, (n,), are not ahead of their commands by more than all are.
+
+    What a model lacks looks like a drive ahead of its commands; nothing makes one.
+    """
+    earliest = np.minimum(fit.delays.mean(), 0.0)
+    found: NDArray[np.bool_] = fit.joint_delays.mean(axis=0) + later >= earliest - LEAST - HINTED * deviations
+    return found
 
 
 def with_doubts(fit: TrajectoryFit, alone: Beside | None = None) -> TrajectoryFit:
@@ -126,7 +155,8 @@ def with_doubts(fit: TrajectoryFit, alone: Beside | None = None) -> TrajectoryFi
     hinted = np.where(np.abs(alone.steps) > HINTED * alone.deviations, alone.steps, 0.0)
     hinted = np.maximum(hinted, -np.maximum(fit.joint_delays.mean(axis=0), 0.0))
     more = np.maximum(hinted**2 - alone.deviations**2, 0.0)
-    return replace(fit, covariance=fit.covariance + (alone.slopes.T * more) @ alone.slopes)
+    covariance = fit.covariance + (alone.slopes.T * more) @ alone.slopes
+    return replace(fit, covariance=covariance, doubted=np.where(more > 0, hinted, 0.0))
 
 
 def of_every(fit: TrajectoryFit) -> Beside:

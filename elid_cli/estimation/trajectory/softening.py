@@ -9,7 +9,7 @@ were not found from are simulated better.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.linearised import Linearised
 
-USUAL = ((3e-3, 5e-3), (3e-3, 1e-2), (2e-2, 0.0), (6e-2, 0.0))
+USUAL = ((3e-3, 5e-3), (3e-3, 1e-2), (5e-3, 0.0), (2e-2, 0.0), (6e-2, 0.0))
 """Width, rad/s (m/s), and lead, s, of smooth friction: constraints of several softnesses, and plain widths."""
 WORTH = 0.02
 """Part of the usual size of the error by which softer friction must lower it, over the joints of a chain."""
@@ -119,18 +119,25 @@ def _asked(hard: TrajectoryFit, columns: Sequence[Array]) -> dict[int, tuple[flo
     robot, kind, parameters = own.robot, effect_that(softens=True), own.robot.reference()
     equations = Linearised(robot, without=PARAMETERS)
     free = [joint for joint in range(robot.n) if joint not in own.soft]
-    sizes = []
-    for shape in (None, *USUAL):
-        softer: list[Effect] = [kind(joint, shape) for joint in free] if shape is not None else []
+
+    def size_of(shapes: Mapping[int, tuple[float, float]]) -> Array:
+        softer: list[Effect] = [kind(joint, shape) for joint, shape in shapes.items()]
         # the unknowns are the same: the first effects keep their shapes
         unknowns = Unknowns(robot, (*softer, *hard.effects), own.recordings, len(softer) + own.held)
-        sizes.append(size_after_a_step(equations, unknowns, hard, columns, parameters))
-    by_chain = [np.array([np.log(size / sizes[0])[joints].mean() for joints in own.chains]) for size in sizes[1:]]
+        return size_after_a_step(equations, unknowns, hard, columns, parameters)
+
+    bare = size_of({})
+    every = [dict.fromkeys(free, shape) for shape in USUAL]
+    nearer = [np.log(size_of(shapes) / bare) for shapes in every]
+    # every joint with the shape that it would have itself
+    own_best = np.argmin(nearer, axis=0)
+    every.append({joint: USUAL[own_best[joint]] for joint in free if nearer[own_best[joint]][joint] < -0.5 * WORTH})
+    nearer.append(np.log(size_of(every[-1]) / bare))
     found = {}
-    for chain, joints in enumerate(own.chains):
-        best = min(range(len(USUAL)), key=lambda k: float(by_chain[k][chain]))
-        if by_chain[best][chain] < -WORTH:
-            found.update({int(joint): USUAL[best] for joint in joints if joint in free})
+    for joints in own.chains:
+        best = min(range(len(every)), key=lambda k: float(nearer[k][joints].mean()))
+        if nearer[best][joints].mean() < -WORTH:
+            found.update({int(joint): every[best][joint] for joint in joints if joint in every[best]})
     return found
 
 

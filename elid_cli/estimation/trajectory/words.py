@@ -39,6 +39,16 @@ def late_words(robot: Robot, fit: TrajectoryFit) -> str:
     return f"the motion is {', '.join((f'{usual} ms later than the commands{same}', *apart))}"
 
 
+def doubt_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return which drives may be later than the fit has them, in a sentence; none where there are none."""
+    doubted = np.broadcast_to(fit.doubted, robot.n).tolist()
+    said = [f"{name} {1e3 * late:.2g} ms later" for name, late in zip(robot.joint_names, doubted, strict=True) if late]
+    if not said:
+        return ()
+    return (f"drives that may act later than the fit has them: {', '.join(said)}; the log is not sure of it, and the "
+            "standard errors count it",)  # fmt: skip
+
+
 def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
     """Return that the motion asks for other bodies than the file's, in a sentence; none where it does not."""
     if not bodies:
