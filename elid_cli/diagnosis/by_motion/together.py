@@ -6,14 +6,16 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.poses import effects_of
+from elid_cli.diagnosis.by_motion.torque_gains import CHECK, Gains, gain_name, moved_by_gains
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.late_joints import beyond_common, may_be_late
+from elid_cli.estimation.trajectory.late_joints import beyond_common, may_be_late, with_doubts
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -216,13 +218,10 @@ def with_another(
         return None
     most = max(nearer_by(both.fit, one.fit) for both, _ in tried)
     alike = [found for found in tried if nearer_by(found[0].fit, one.fit) >= most - CLEARLY]
-    best, twins = min(alike, key=lambda found: _numbers(found[0]))
-    others = [both for both, _ in alike if both is not best and _numbers(both) == _numbers(best)]
+    best, twins = min(alike, key=lambda found: found[0].changes[-1].numbers)
+    most_numbers = best.changes[-1].numbers
+    others = [both for both, _ in alike if both is not best and both.changes[-1].sure.sum() <= most_numbers]
     return best, [*twins, *others]
-
-
-def _numbers(both: Together) -> int:
-    return int(both.changes[-1].sure.sum())
 
 
 def simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed | None, tuple[Rival, ...]]:
@@ -232,9 +231,9 @@ def simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed 
         return None, ()
     most = max(nearer_by(one.fit, plain) for one in near)
     alike = [one for one in near if nearer_by(one.fit, plain) >= most - CLEARLY]
-    best = min(alike, key=lambda one: (int(one.sure.sum()), -nearer_by(one.fit, plain)))
+    best = min(alike, key=lambda one: (one.numbers, -nearer_by(one.fit, plain)))
     return best, tuple(
-        rival for one in alike if one is not best and one.sure.sum() == best.sure.sum()
+        rival for one in alike if one is not best and one.sure.sum() <= best.numbers
         for rival in rivals_of(one, best, plain)
     )  # fmt: skip
 
@@ -248,6 +247,31 @@ def rivals_of(one: Changed, best: Changed, before: TrajectoryFit, others: Sequen
     ]
 
 
+def twins_of_gains(gains: Gains | None, asked: Together | None, before: TrajectoryFit) -> tuple[Rival, ...]:
+    """Return changes that were asked for where gains were named, as their rivals where they come as near.
+
+    `before` is the fit without both.
+    """
+    if gains is None or asked is None or clearly_nearer(gains.fit, asked.fit):
+        return ()
+    return tuple(
+        Rival(e.effect, e.joint, gain_name(), e.gain, e.parameters, CHECK)
+        for change in asked.changes for e in effects_of(change, before)
+    )  # fmt: skip
+
+
 def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
     """Whether the joints' motion is clearly nearer in one fit than in another, on the whole."""
     return nearer_by(one, other) > CLEARLY
+
+
+def aware(fit: TrajectoryFit, changes: Sequence[Changed], scaled: NDArray[np.bool_]) -> TrajectoryFit:
+    """Return a fit with errors that know those of changes, of joints' gains (n,), and of delays that were not taken."""
+    moved = [change.by.moved(fit, change.level, change.values) for change in changes]
+    if scaled.any():
+        moved.append(moved_by_gains(fit, np.flatnonzero(scaled).tolist()))
+    fit = with_doubts(fit)
+    if not moved:
+        return fit
+    beside = Beside.of(fit, [np.concatenate(parts, axis=2) for parts in zip(*moved, strict=True)])
+    return replace(fit, covariance=fit.covariance + beside.added)

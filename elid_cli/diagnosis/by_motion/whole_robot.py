@@ -16,23 +16,30 @@ from elid_cli.diagnosis.by_motion.carried import load_by, load_of, load_rivals, 
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
 from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
-from elid_cli.diagnosis.by_motion.together import Kind, Together, clearly_nearer, rivals_of, simplest, with_another
+from elid_cli.diagnosis.by_motion.together import (
+    Kind,
+    Together,
+    aware,
+    clearly_nearer,
+    rivals_of,
+    simplest,
+    twins_of_gains,
+    with_another,
+)  # fmt: skip
 from elid_cli.diagnosis.by_motion.torque_gains import (
     Gains,
     asked_by_motion,
     gains_of,
     given_up,
-    moved_by_gains,
     nearer,
 )
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
-from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import Changed, retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
-from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints, with_doubts
+from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import with_drives
@@ -118,7 +125,9 @@ def searched(
         log = _Log(signals, runs, declared, only, progress)
         found = _by_both(plain, log, off)
         found = _by_other_bodies(plain, found, log)
-        return replace(found, done=replace(found.done, before=first, after=_aware(found)))
+        return replace(
+            found, done=replace(found.done, before=first, after=aware(found.done.after, found.changes, found.scaled))
+        )
     except KeyboardInterrupt:
         return replace(found, done=replace(found.done, before=first, partial=True))
 
@@ -166,6 +175,7 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
     if asked is None or (gains is not None and not _goes_before(asked, gains, plain)):
         found, log = _by_gains(found, log, gains, scales)
         if found.scaled.any():
+            found = replace(found, rivals=(*found.rivals, *twins_of_gains(found.taken, asked, plain.plain)))
             found, asked, rivals = _asked_changes(found, log)
         return _by_changes(found, log, asked, rivals)[0]
     found, log = _by_changes(found, log, asked, rivals)
@@ -334,15 +344,3 @@ def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Ite
             best = both[0].changes[-1]
             yield both[0], [rival for twin in both[1]
                             for rival in rivals_of(twin.changes[-1], best, alone.fit, twin.changes[:-1])]  # fmt: skip
-
-
-def _aware(found: Found) -> TrajectoryFit:
-    """Return the fit with errors that know those of gains and of a change, and of delays that were not taken."""
-    fit = with_doubts(found.done.after)
-    moved = [change.by.moved(fit, change.level, change.values) for change in found.changes]
-    if found.scaled.any():
-        moved.append(moved_by_gains(fit, np.flatnonzero(found.scaled).tolist()))
-    if not moved:
-        return fit
-    beside = Beside.of(fit, [np.concatenate(parts, axis=2) for parts in zip(*moved, strict=True)])
-    return replace(fit, covariance=fit.covariance + beside.added)

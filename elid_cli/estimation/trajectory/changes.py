@@ -130,6 +130,11 @@ class Changed:
         return found[: len(self.by.joints) or self.by.count]
 
     @property
+    def numbers(self) -> int:
+        """How many numbers it is: those of joints that are clear of 0, all of the whole robot's that a joint feels."""
+        return int(self.sure.sum()) if self.by.joints else int(np.isfinite(self.deviations).sum())
+
+    @property
     def rates(self) -> Array:
         """Integral over proportional gain of every joint's drive that it finds, 1/s, (n,)."""
         found = np.zeros(self.level.n)
@@ -203,7 +208,9 @@ def retuned(change: Changed, fit: TrajectoryFit, plain: Sequence[Run]) -> Change
     return descended(replace(change, fit=fit), plain, None)
 
 
-def descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | None, done: int = 0) -> Changed | None:
+def descended(
+    started: Changed, plain: Sequence[Run], before: TrajectoryFit | None, done: int = 0, *, known: bool = False
+) -> Changed | None:
     """Return a change at the values that the motion asks for; None where it asks for none, or not enough of `before`.
 
     Parameters
@@ -216,6 +223,8 @@ def descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | No
         The fit without the change, where it may be none; None: it is a change that was found.
     done
         Steps that were done before.
+    known
+        Whether the change is there, however small it comes out.
     """
     by, level, fit, values = started.by, started.level, started.fit, started.values
     fell = np.inf
@@ -240,7 +249,7 @@ def descended(started: Changed, plain: Sequence[Run], before: TrajectoryFit | No
         if before is not None and number >= TRIED and nearer_by(fit, before) < HOPEFUL and not _counts(by, fit):
             return None
     made = Changed(by, values, deviations, level, fit)
-    return made if made.sure.any() and (np.abs(values) < by.most).all() else None
+    return made if (known or made.sure.any()) and (np.abs(values) < by.most).all() else None
 
 
 def _counts(by: Change, fit: TrajectoryFit) -> bool:

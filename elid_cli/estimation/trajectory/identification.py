@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from elid_cli.estimation.trajectory.found_effects import (
     settled,
 )
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
-from elid_cli.estimation.trajectory.late_joints import late_joints, of_every, with_doubts
+from elid_cli.estimation.trajectory.late_joints import declared_late, late_joints, of_every, with_doubts
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
 from elid_cli.estimation.trajectory.softening import columns_of
@@ -55,6 +56,8 @@ from elid_cli.signals.signals import Signals
 
 GAINS = {"q_des", "kp", "kd"}
 """What a log must hold for its commands to drive a robot."""
+NOISE = 1.5
+"""Times the encoders' noise up to which simulated positions are off by that noise alone."""
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
@@ -116,15 +119,24 @@ def fit_of(
     start = started_from(robot, signals) if start is None else start
     fit, columns = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=delays)
     if delays:
+        errors = np.zeros(robot.n)
+        known = declared_late(fit, robot)
+        if known is not None:
+            errors[list(known.by.joints)] = known.deviations
+            fit, columns = known.aware(), columns_of(known.fit)
         alone: Beside | None = of_every(fit)
         apart = late_joints(fit, alone)
         if apart is not None and apart.is_nearer(fit):
             alone = None
-            errors = np.zeros(robot.n)
             errors[list(apart.by.joints)] = apart.deviations
-            fit, columns = replace(apart.aware(), apart=errors), columns_of(apart.fit)
-        fit = with_doubts(fit, alone)
+            fit, columns = apart.aware(), columns_of(apart.fit)
+        fit = replace(with_doubts(fit, alone), apart=errors)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
+
+
+def is_at_noise(ratios: Mapping[Any, float]) -> bool:
+    """Whether errors of the simulated positions, joint by joint in times the encoders' noise, are that noise."""
+    return all(ratio < NOISE for ratio in ratios.values())
 
 
 def unsuited(robot: Robot) -> str:
@@ -254,6 +266,8 @@ def identification_of(
     beyond = {name: ratio for name, ratio in above.items() if ratio >= ABOVE}
     # that the residual of least squares, whose bodies are free, holds noise alone says nothing of the simulated motion
     model: ModelWord = "not judged" if found.model == "sufficient" and beyond else found.model
+    explained = not bodies and is_at_noise(above)
+    known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies)}
     return by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),
         error=error,
@@ -262,9 +276,11 @@ def identification_of(
         nuisances=channel_faults(robot, fit, moves[:, 3]),
         effects=fitted_effects(robot, fit),
         notes=(note, *apart, *doubt_words(robot, fit), *loop_words(robot, fit, signals, moves)),
-        settings={**settings_of(found, fit, moves), "beyond_noise": beyond, "other_bodies": dict(bodies)},
+        settings={**settings_of(found, fit, moves), **known},
         warnings=bodies_words(robot, bodies),
-        model=model,
+        model="sufficient" if explained else model,
+        insufficient=() if explained else found.insufficient,
+        noise=() if explained else found.noise,
         still=np.any(base.transform[:, places[~shown]] != 0, axis=1),
     )  # fmt: skip
 

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beside import Beside, moved_by_runs
-from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints, nearer_by
+from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints, descended, nearer_by
 from elid_cli.estimation.trajectory.decided import fit_trajectory, shows_delays, without_delays
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import LATEST
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.shifts import delayed_joints
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
@@ -140,6 +141,22 @@ def may_be_late(fit: TrajectoryFit, later: Array, deviations: Array) -> NDArray[
     earliest = np.minimum(fit.delays.mean(), 0.0)
     found: NDArray[np.bool_] = fit.joint_delays.mean(axis=0) + later >= earliest - LEAST - HINTED * deviations
     return found
+
+
+def declared_late(fit: TrajectoryFit, robot: Robot) -> Changed | None:
+    """Return drives of which the robot declares a delay of their own, with the one that the motion has; None without.
+
+    `fit` is that of the motion with the delays that are declared. Those of all drives are the recording's own.
+    """
+    late = delayed_joints(robot)
+    if len(late) == robot.n:
+        extra = np.broadcast_to(fit.tracked[0].run.extra, robot.n)
+        late = tuple(k for k in late if extra[k] != 0)
+        late = late if len(late) < robot.n else tuple(np.argsort(np.abs(extra))[1:].tolist())
+    if not late or robot.n < 2:
+        return None
+    started = Changed(LateJoints(late), np.zeros(len(late)), np.zeros(len(late)), robot, fit)
+    return descended(started, [item.run for item in fit.tracked], None, known=True)
 
 
 def with_doubts(fit: TrajectoryFit, alone: Beside | None = None) -> TrajectoryFit:

@@ -29,7 +29,7 @@ from elid_cli.model.linearised import Linearised
 
 USUAL = ((3e-3, 5e-3), (3e-3, 1e-2), (5e-3, 0.0), (2e-2, 0.0), (6e-2, 0.0))
 """Width, rad/s (m/s), and lead, s, of smooth friction: constraints of several softnesses, and plain widths."""
-WORTH = 0.02
+WORTH = 0.008
 """Part of the usual size of the error by which softer friction must lower it, over the joints of a chain."""
 SHOWN = 3.0
 """Standard errors by which a width or a lead must be clear of 0."""

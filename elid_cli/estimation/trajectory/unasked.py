@@ -13,7 +13,7 @@ import numpy as np
 
 from elid_cli.errors import DataError, LogError, RobotError, in_words
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, unsuited
+from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, is_at_noise, unsuited
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.of_drives import as_acting
@@ -67,7 +67,8 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
         )  # fmt: skip
     answer = identification_of(found, fit, signals, bodies)
     worse = _worse(found, answer)
-    if worse > FARTHER:
+    # where the motion leaves nothing but noise, the torque is at fault: velocities that it was computed from are late
+    if worse > FARTHER and not is_at_noise(dict(enumerate(fit.above_noise(signals).tolist()))):
         return _told(
             found, f"{COMPUTED}; but that of the motion, with the bodies of {found.robot.name}, predicts torque that "
             f"was not fitted {worse:.2g} times as badly (--fit trajectory)",

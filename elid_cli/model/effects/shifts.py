@@ -78,6 +78,12 @@ def declared_shifts(robot: Robot) -> Shifts:
     return shifts
 
 
+def delayed_joints(robot: Robot) -> tuple[int, ...]:
+    """Return the joints of whose drives the robot declares a delay, in order."""
+    named = {spec.joint for spec in robot.effects if _moved_by(spec) == "torque"}
+    return tuple(k for k, name in enumerate(robot.joint_names) if name in named)
+
+
 def unshifted_robot(robot: Robot) -> Robot:
     """Return the robot without the effects that are shifts in time."""
     return replace(robot, effects=tuple(spec for spec in robot.effects if _moved_by(spec) is None))

@@ -18,7 +18,7 @@ from elid_cli.report.answers.drives import drives_needed, drives_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
-from elid_cli.report.answers.lacking import is_unclear, loud_joints, words_of, yielding
+from elid_cli.report.answers.lacking import is_unclear, loud_joints, motion_words, words_of, yielding
 from elid_cli.report.answers.motor_side import motor_side_sections, stiffness_items
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
@@ -66,7 +66,8 @@ def identification_report(
     sections: list[Section] = [
         inputs.heading(found.robot, recording),
         summary.answers(
-            summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
+            motion_words(found, recording.warnings)
+            or summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
             words_of(found),
             parameter_words(found, loud),
             record,

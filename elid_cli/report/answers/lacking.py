@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.identification import is_at_noise
 from elid_cli.estimation.validation.following import PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE
-from elid_cli.report.answers.summary import NAMED, listed
+from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
 from elid_cli.report.tree import number_text
 
 UNCLEAR = 3.0
@@ -95,6 +96,25 @@ def _far_motion(found: Identification) -> str:
             "elid diagnose looks for the cause."
         )
     return ""
+
+
+def motion_words(found: Identification, warnings: Sequence[str]) -> str:
+    """Return that the simulated motion is right although the computed torque is not predicted, in a sentence.
+
+    Nothing where the torque is predicted as well, or the motion is off by more than the encoders' noise.
+    """
+    told = found.settings.get("trajectory")
+    ratios: Mapping[str, float] = told.get("noise_ratio", {}) if isinstance(told, dict) else {}
+    poor = {name: error.relative for name, error in found.error.items() if light(error).text != "good"}
+    if not ratios or not poor or found.model != "sufficient" or not is_at_noise(ratios):
+        return ""
+    worst = max(poor, key=lambda name: poor[name])
+    return doubted(
+        "Yes: the motion simulated under the commands is off by the encoders' noise alone. The torque that was "
+        f"computed from the log is off by up to {share_text(poor[worst])} (rms, at {worst}): its velocities are late "
+        "or noisy.",
+        (*warnings, *found.warnings),
+    )
 
 
 def yielding(found: Identification) -> list[str]:
