@@ -149,7 +149,8 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
         elif set(entry) <= {"from", "field"} and all(isinstance(value, str) for value in entry.values()):
             signals[str(name)] = _named(str(name), tuple(entry.items()))
         else:
-            signals[str(name)] = _signal(str(name), entry, robot, f"{where}: {name}")
+            option = f"--{name}" if name in GAINS and set(entry) == {"value"} and where == "--map" else ""
+            signals[str(name)] = _signal(str(name), entry, robot, option or f"{where}: {name}")
     return signals, time
 
 
@@ -215,7 +216,9 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
         motor_side=side == "motor",
         add=add,
         time=_text(spec.get("time", ""), where, "time"),
-        value=_per_joint(spec["value"], robot, f"{where}: value") if "value" in spec else None,
+        value=_per_joint(spec["value"], robot, where if where.startswith("--k") else f"{where}: value")
+        if "value" in spec
+        else None,
         written=dict(spec),
         unwrap=unwrap,
     )

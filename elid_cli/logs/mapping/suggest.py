@@ -24,7 +24,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Words that name a signal, the surest first."""
 CURRENTS = {"current", "strom", "courant", "corriente", "i", "u", "voltage"}
-TOLD = {"ref", "cmd", "des", "desired", "target", "soll", "command", "commanded", "reference", "setpoint"}
+TOLD = {"ref", "cmd", "des", "desired", "target", "soll", "command", "commanded", "reference", "setpoint", "goal"}
 COMMANDED = {"q_des": False, "dq_des": True}
 """What a drive is told of its position loop, and whether it is a rate."""
 NO_POSITION = {"tau", "taum", "torque", "effort", "current", "moment", "strom", "force", "voltage", "temperature"}
@@ -274,7 +274,8 @@ def _score(signal: str, place: _Place) -> float:
 def _unit(channel: Channel, written: str) -> str:
     """Return the unit that a header or the end of a name tells, as the mapping language writes it; empty: none."""
     last = re.split(r"[_\s(\[]", re.sub(r"[\])]$", "", channel.address))
-    for text in (written, last[-1] if len(last) > 1 else ""):
+    ending = last[-1] if len(last) > 1 else ""
+    for text in (written, ending, re.sub(r"(?<=[^\W\d]{3})\d+$", "", ending)):  # pos_deg1 as pos_deg
         known = UNIT_WORDS.get(re.sub(r"[\s*·.]", "", text.lower().strip("[]()")))
         if known is not None:
             return known
