@@ -18,7 +18,7 @@ from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory import bodies, unasked
 from elid_cli.estimation.trajectory.bodies import _torques, body_columns, other_bodies
-from elid_cli.estimation.trajectory.decided import _shows_delays, fit_with_columns
+from elid_cli.estimation.trajectory.decided import fit_with_columns, shows_delays
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.estimation.trajectory.normal_equations import columns_of_pushes, simulated
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
@@ -337,7 +337,7 @@ def test_a_motion_ahead_of_its_commands_must_be_clearer(
     own = fit.unknowns.delays
     z, covariance = fit.z.copy(), fit.covariance.copy()
     z[own], covariance[own, own] = delay, deviation**2
-    assert _shows_delays(replace(fit, z=z, covariance=covariance, left_out=np.repeat(z[None], 6, axis=0))) is shown
+    assert shows_delays(replace(fit, z=z, covariance=covariance, left_out=np.repeat(z[None], 6, axis=0))) is shown
 
 
 def test_a_minute_of_legs_is_short(made: tuple[Robot, Recording, str]) -> None:
