@@ -27,6 +27,7 @@ from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
+from elid_cli.estimation.smooth_commands import noted, smoothed
 from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
@@ -146,6 +147,10 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     found = judged_model(found, judgement)
+    torque = replace(options, fit="torque", accurate=False, guards=False)
+    smooth = smoothed(logged, found, lambda log: _identified(whole, log, torque))
+    if smooth is not None:
+        return noted(_identified(whole, smooth, options))
     if options.fit == "trajectory":
         from elid_cli.estimation.trajectory.identification import by_trajectory
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -51,6 +52,9 @@ class Run:
     """Integral of the commanded positions at every sample, less that of the measured ones before the stretch, rad·s
     (m·s), (N, n): what drives with an integral term are told."""
 
+    smooth: bool = False
+    """Whether commands change smoothly from sample to sample: the drives were told more than the log holds."""
+
     def later(self, extra: Array) -> Run:
         """Return the run with drives that act later than the others by `extra`, s, (n,), once it is `delayed`."""
         return replace(self, extra=extra)
@@ -60,9 +64,10 @@ class Run:
         if self.told is None:
             return self
         steps = finer * len(self.drives.told) // (len(self.t) - 1)
-        acting = _held(self.told, steps, (late + self.extra) / self.dt, commanded=commanded)
+        way = _way(commanded, self.smooth)
+        acting = _between(self.told, steps, (late + self.extra) / self.dt, way)
         if self.drives.ki is not None and self.aim is not None:
-            acting += self.drives.ki * _held(self.aim, steps, (late + self.extra) / self.dt, commanded=False)
+            acting += self.drives.ki * _between(self.aim, steps, (late + self.extra) / self.dt, "line")
         return replace(self, drives=replace(self.drives, told=acting))
 
     def integrating(self, rate: Array, late: Array | float = 0.0) -> Run:
@@ -126,7 +131,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     limit = robot.torque_limits
     elastic = np.array([joint.elastic for joint in robot.joints])
     speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
-    steps = math.ceil(recording.dt / STEP)
+    steps, way = math.ceil(recording.dt / STEP), _way(commanded, recording.smooth)
     piece = None if horizon is None else max(round(horizon / recording.dt), SHORTEST)
     runs = []
     for segment in recording.segments:
@@ -147,10 +152,11 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             v = np.concatenate(
                 [_speed(speed[0], link, part, recording.dt), _speed(speed[1], motor, part, recording.dt)[elastic]]
             )
-            acting = _held(told[part], steps, delays / recording.dt, commanded=commanded)
+            acting = _between(told[part], steps, delays / recording.dt, way)
             drives = Drives(acting, kp[a], kd[a], limit)
             runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen,
-                            aim=None if aims is None or before is None else aims[part] - before[a]))  # fmt: skip
+                            aim=None if aims is None or before is None else aims[part] - before[a],
+                            smooth=recording.smooth))  # fmt: skip
     return runs
 
 
@@ -213,15 +219,26 @@ def _speed(logged: Array, position: Array, part: slice, dt: float) -> Array:
     return np.where(np.isfinite(logged[part.start]), logged[part.start], slope)
 
 
-def _held(told: Array, steps: int, late: Array, *, commanded: bool) -> Array:
-    """Return what is told at every step, (K, n): commands held for their sample, torques on a line between samples."""
+def _way(commanded: bool, smooth: bool) -> Literal["held", "smooth", "line"]:
+    """Return how values go on between samples: commands are held for theirs or smooth, torques are on a line."""
+    if not commanded:
+        return "line"
+    return "smooth" if smooth else "held"
+
+
+def _between(told: Array, steps: int, late: Array, way: Literal["held", "smooth", "line"]) -> Array:
+    """Return what is told at every step, (K, n), of values at samples."""
     count = (len(told) - 1) * steps
     place = np.arange(count) / steps
     found = np.empty((count, told.shape[1]))
-    if not commanded:
+    if way != "held":
+        from scipy.interpolate import make_interp_spline
+
+        samples = np.arange(len(told), dtype=float)
         for k in range(told.shape[1]):
             at = np.clip(place + 0.5 / steps - late[k], 0.0, len(told) - 1.0)
-            found[:, k] = np.interp(at, np.arange(len(told)), told[:, k])
+            smooth = way == "smooth" and len(told) > 3
+            found[:, k] = make_interp_spline(samples, told[:, k])(at) if smooth else np.interp(at, samples, told[:, k])
         return found
     # a command that changes within a step acts for its part of it
     samples = np.arange(len(told) + 1, dtype=float)

@@ -20,7 +20,7 @@ def command_torque(recording: Recording) -> tuple[Array, Array | None]:
     """Return the torques, and the part of them that commands make, (N, n) each, N·m (N); None: all were logged.
 
     That part is the torque at position and speed 0; a logged torque is one as a whole. Commands count for what their
-    stairs amount to below the sample rate (`smoothed_stairs`).
+    stairs amount to below the sample rate (`smoothed_stairs`); smooth ones are what they are.
     """
     computed = recording.commanded
     if not computed.any():
@@ -31,7 +31,7 @@ def command_torque(recording: Recording) -> tuple[Array, Array | None]:
     for gain, name in ((commands["kp"], "q_des"), (commands["kd"], "dq_des"), (1.0, "tau_ff")):
         if name in commands:
             held = held_mean(commands[name], bounds)
-            stairs = smoothed_stairs(held, bounds)
+            stairs = commands[name] if recording.smooth else smoothed_stairs(held, bounds)
             part += gain * np.nan_to_num(stairs)
             finer += gain * np.nan_to_num(stairs - held)
     free = ~at_limit(recording.tau)

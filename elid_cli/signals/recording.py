@@ -78,6 +78,8 @@ class Recording(Shown):
     commands: Mapping[str, Array] = field(default_factory=dict)
     """What the drives were told, where it was logged: ``q_des dq_des tau_ff kp kd``, held from one sample to the next,
     SI at the joint, each of shape (N, n); NaN columns where a joint has none."""
+    smooth: bool = False
+    """Whether commands change smoothly from sample to sample, as where drives are told more often than is logged."""
     segments: tuple[Segment, ...] = ()
     files: tuple[str, ...] = ()
     sha256: tuple[str, ...] = ()

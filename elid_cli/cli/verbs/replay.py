@@ -44,6 +44,7 @@ class Way:
     against: str | None = None
     horizon: float | None = None
     engine: Literal["elid", "mujoco"] = "elid"
+    commands: Literal["held", "smooth"] = "held"
     actuators: str | None = None
 
 
@@ -64,6 +65,9 @@ class Way:
     options.option(options.FIT, "--engine", type=click.Choice(("elid", "mujoco")), default="elid", show_default=True,
                    help="Simulator: elid, or MuJoCo where it is installed. MuJoCo runs an MJCF as it is, in 1 ms "
                    "steps, and other robot files as exported to MJCF."),
+    options.option(options.FIT, "--commands", type=click.Choice(("held", "smooth")), default="held", show_default=True,
+                   help="Commands between the samples: held, or smooth, for a log that holds fewer of them than the "
+                   "drives were told."),
     options.option(options.INPUT, "--actuators", type=values.File(), metavar="FILE.json",
                    help="File of --write-actuators: offsets, delays and effects that a URDF or MJCF cannot hold."),
 )  # fmt: skip
@@ -98,7 +102,7 @@ def replay(
             from elid_cli.experiment.replay.actuators import with_actuators
 
             machines[0] = with_actuators(machines[0], how.actuators)
-        ways = [ReplayOptions(how.horizon, how.engine, _as_it_stands(machine)) for machine in machines]
+        ways = [ReplayOptions(how.horizon, how.engine, how.commands, _as_it_stands(machine)) for machine in machines]
         found: list[list[Replay]] = [[] for _ in machines]
         for log in logs:
             for machine, replays, way in zip(machines, found, ways, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -46,6 +46,8 @@ class ReplayOptions:
     """Seconds after which the simulation starts again from the measured state; None: once for every stretch of the
     log, or every `TORQUE_HORIZON` where torques drive it."""
     engine: Literal["elid", "mujoco"] = "elid"
+    commands: Literal["held", "smooth"] = "held"
+    """Whether commands are held for their sample, or change smoothly from one to the next."""
     mjcf: str | None = None
     """With MuJoCo: an MJCF file that is simulated as it stands, in elid's steps of 1 ms, not the exported robot."""
 
@@ -67,6 +69,8 @@ class Replay(Shown):
     horizon: float | None
     driven_by: Literal["commands", "torque"]
     engine: str
+    commands: str = "held"
+    """`ReplayOptions.commands`."""
     left_out: tuple[str, ...] = ()
     """Declared effects that the replay does not hold."""
     mjcf: str | None = None
@@ -127,6 +131,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     _no_driving_friction(robot)
     offsets, left_out = _of_channels(robot)
     delays, gains, rates = declared_shifts(robot).torque, declared_gains(robot), declared_integrals(robot)
+    recording = replace(recording, smooth=by_commands and options.commands == "smooth")
     runs = runs_of(recording, robot, horizon, delays, commanded=by_commands)
     if by_commands and rates.any():
         runs = [run.integrating(rates, delays) for run in runs]
@@ -150,7 +155,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     error = position_errors(robot, simulated[order] - measured[order])
     return Replay(
         robot, recording, error, t[order], measured[order], simulated[order], horizon,
-        "commands" if by_commands else "torque", options.engine, left_out,
+        "commands" if by_commands else "torque", options.engine, options.commands, left_out,
         options.mjcf if options.engine == "mujoco" else None,
     )  # fmt: skip
 

@@ -145,7 +145,8 @@ def _by_log(robot: Robot, replays: Sequence[Replay], against: Sequence[Replay]) 
 def _facts(replays: Sequence[Replay]) -> tuple[tuple[str, Cell], ...]:
     first = replays[0]
     seconds = sum(item.recording.duration for item in replays)
-    drive = "what the log commanded, held for its sample" if first.driven_by == "commands" else "the log's torque"
+    between = "smooth between its samples" if first.commands == "smooth" else "held for its sample"
+    drive = f"what the log commanded, {between}" if first.driven_by == "commands" else "the log's torque"
     restart = "the first pose of every stretch" if first.horizon is None else (
         f"the measured state, every {number_text(first.horizon)} s")  # fmt: skip
     return (

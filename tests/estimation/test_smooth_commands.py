@@ -1,0 +1,63 @@
+"""A log that is slower than its commands: those between its samples are smooth, where the motion shows that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.refined_robot import identified_robot
+from elid_cli.experiment.replay import ReplayOptions, replay
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.command_torque import held_mean
+from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion import plant
+
+TRUTH = {"Ja": plant.ARMATURE, "fs": plant.COULOMB, "fv": plant.VISCOUS}
+
+
+@pytest.fixture(scope="module")
+def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    bare = plant.robot(tmp_path_factory.mktemp("pendulums"))
+    return replace(bare, joints=tuple(replace(joint, transmission="rigid") for joint in bare.joints))
+
+
+def every(step: int, seed: int = 0, duration: float = 16.0) -> Recording:
+    """Return every so many samples of a log, with the torque of their commands as reading a file gives it."""
+    log = plant.moved(seed, duration, noise=5e-5)
+    t, q = log.t[::step], log.q[::step]
+    told = {name: values[::step] for name, values in log.commands.items()}
+    dt = step * log.dt
+    mean = {name: held_mean(told[name], [(0, len(t))]) for name in ("q_des", "dq_des")}
+    tau = told["kp"] * (mean["q_des"] - q) + told["kd"] * (mean["dq_des"] - np.gradient(q, dt, axis=0))
+    none = {"dq": None, "dtheta": None, "segments": (Segment(0, len(t)),), "sources": {"tau": "command"}}
+    return replace(log, t=t, dt=dt, q=q, theta=q, tau=tau, commands=told, **none)
+
+
+def test_commands_of_a_slow_log_are_smooth(pendulums: Robot) -> None:
+    log = every(5)
+    signals = prepare(log, pendulums)
+    found = identify(pendulums, signals)
+    assert found.settings["commands"] == "smooth"
+    assert any("elid replay --commands smooth" in note for note in found.notes)
+    told = found.settings["trajectory"]["joint_parameters"]
+    for kind, values in TRUTH.items():
+        for name, value in zip(pendulums.joint_names, values, strict=True):
+            own = told[name][kind]
+            assert abs(own["estimate"] - value) < max(4 * own["std_error"], 0.03 * value), (name, kind)
+
+    written = identified_robot(found)
+    smooth, held = (replay(written, log, ReplayOptions(commands=how)) for how in ("smooth", "held"))
+    assert smooth.mean_abs < 2e-4 < 0.1 * held.mean_abs
+
+    diagnosed = diagnose_motion(pendulums, signals)
+    assert not diagnosed.effects
+
+
+def test_held_commands_stay_held(pendulums: Robot) -> None:
+    found = identify(pendulums, prepare(every(1), pendulums))
+    assert "commands" not in found.settings
