@@ -13,8 +13,9 @@ from elid_cli.estimation.regression.normal_equations import jackknife
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted_with_columns
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.softening import columns_of, softened
+from elid_cli.estimation.trajectory.softening import Refit, columns_of, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
+from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
@@ -24,6 +25,8 @@ SHOWN = 2.0
 that the log does not show would only take the friction's precision. One that is held though it is there bends armature
 and friction without a word: where it was 2.8 errors off, an armature came out twice too large."""
 
+AGAIN = (2e-2, 0.0)
+"""Width, rad/s (m/s), and lead, s, of soft friction that a fit begins anew with."""
 AHEAD = 8.0
 """The same of one that is negative …"""
 NEARER = 0.2
@@ -88,7 +91,34 @@ def fit_with_columns(
         return late_or_prompt(other, tracked, begun, late=late)[0]
 
     softer = softened(fit, refit, columns)
+    if _lost(softer):
+        softer = _found_again(softer, fit, start, amplitudes, refit)
     return softer, columns if softer is fit else columns_of(softer)
+
+
+def _lost(fit: TrajectoryFit) -> bool:
+    """Whether a fit ended without any armature at a joint: what no motor is."""
+    least = fit.unknowns.bounds[0][0]
+    return bool((fit.shown[:, 0] & (fit.values[:, 0] <= 1.01 * least)).any())
+
+
+def _found_again(
+    lost: TrajectoryFit, hard: TrajectoryFit, start: Array, amplitudes: Sequence[float], refit: Refit
+) -> TrajectoryFit:
+    """Return the fit that begins anew with soft friction at every joint, or `lost` where that is not clearly nearer.
+
+    Friction that holds turns the motion about from one instant to the next: a descent may end where inertia and
+    friction make up for each other, although it began near the truth.
+    """
+    own = hard.unknowns
+    soft = [effect_that(softens=True)(joint, AGAIN) for joint in range(own.robot.n) if joint not in own.soft]
+    unknowns = Unknowns(own.robot, (*own.effects, *soft), own.recordings, own.held)
+    try:
+        found = refit(unknowns, hard, started(unknowns, start, amplitudes))
+    except DataError:
+        return lost
+    nearer = np.log(lost.equations.size / found.equations.size).sum() > NEARER and not _lost(found)
+    return replace(found, held=hard) if nearer else lost
 
 
 def late_or_prompt(
