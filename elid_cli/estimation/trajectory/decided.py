@@ -25,6 +25,8 @@ SHOWN = 2.0
 that the log does not show would only take the friction's precision. One that is held though it is there bends armature
 and friction without a word: where it was 2.8 errors off, an armature came out twice too large."""
 
+LITTLE = 1e-3
+"""Part of the value that a fit began with which is as good as none."""
 AGAIN = (2e-2, 0.0)
 """Width, rad/s (m/s), and lead, s, of soft friction that a fit begins anew with."""
 AHEAD = 8.0
@@ -91,15 +93,18 @@ def fit_with_columns(
         return late_or_prompt(other, tracked, begun, late=late)[0]
 
     softer = softened(fit, refit, columns)
-    if _lost(softer):
+    if _lost(softer, start):
         softer = _found_again(softer, fit, start, amplitudes, refit)
     return softer, columns if softer is fit else columns_of(softer)
 
 
-def _lost(fit: TrajectoryFit) -> bool:
-    """Whether a fit ended without any armature at a joint: what no motor is."""
-    least = fit.unknowns.bounds[0][0]
-    return bool((fit.shown[:, 0] & (fit.values[:, 0] <= 1.01 * least)).any())
+def _lost(fit: TrajectoryFit, start: Array) -> bool:
+    """Whether a fit that leaves more than noise ended with hardly any armature, or no viscous friction, at a joint.
+
+    `start` is where it began, (n, 4).
+    """
+    none = fit.shown[:, [0, 2]] & (fit.values[:, [0, 2]] <= LITTLE * start[:, [0, 2]])
+    return bool(none.any()) and has_memory(fit.equations)
 
 
 def _found_again(
@@ -117,7 +122,7 @@ def _found_again(
         found = refit(unknowns, hard, started(unknowns, start, amplitudes))
     except DataError:
         return lost
-    nearer = np.log(lost.equations.size / found.equations.size).sum() > NEARER and not _lost(found)
+    nearer = np.log(lost.equations.size / found.equations.size).sum() > NEARER
     return replace(found, held=hard) if nearer else lost
 
 
