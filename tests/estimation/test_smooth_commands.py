@@ -11,6 +11,7 @@ from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.experiment.replay import ReplayOptions, replay
+from elid_cli.report.answers.lacking import motion_words
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import held_mean
 from elid_cli.signals.recording import Recording, Segment
@@ -53,6 +54,14 @@ def test_commands_of_a_slow_log_are_smooth(pendulums: Robot) -> None:
     written = identified_robot(found)
     smooth, held = (replay(written, log, ReplayOptions(commands=how)) for how in ("smooth", "held"))
     assert smooth.mean_abs < 2e-4 < 0.1 * held.mean_abs
+
+    # a torque that is predicted badly is at fault where the motion leaves nothing but noise
+    bad = replace(found, error={name: replace(e, relative=0.3, floor=None) for name, e in found.error.items()})
+    assert motion_words(bad, ()).startswith(
+        "Yes: the motion simulated under the commands is off by the encoders' noise"
+    )
+    moved = {**found.settings["trajectory"], "noise_ratio": dict.fromkeys(pendulums.joint_names, 2.0)}
+    assert not motion_words(replace(bad, settings={**found.settings, "trajectory": moved}), ())
 
     diagnosed = diagnose_motion(pendulums, signals)
     assert not diagnosed.effects

@@ -13,6 +13,7 @@ import pytest
 from elid_cli.cli import main
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs import read_map_options, write_recording
+from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.schema import robot_of_yaml
 from elid_cli.robot.text import text_of
@@ -116,6 +117,11 @@ def test_without_gains_the_error_says_what_to_give(tmp_path: Path) -> None:
         read(without_torque(tmp_path, "log.h5"), robot=RIGID)
     assert "--kp 20 --kd 0.5" in caught.value.hint
     assert "control: {kp: 20, kd: 0.5}" in caught.value.hint
+
+
+def test_a_wrong_number_of_gains_names_its_option() -> None:
+    with pytest.raises(UsageError, match=r"^--kp: 2 numbers for 3 joints"):
+        parse_mapping({"kp": {"value": [1.0, 2.0]}}, RIGID, "--map")
 
 
 def test_control_of_a_robot_file_is_checked_and_comes_back() -> None:

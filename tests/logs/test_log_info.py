@@ -130,6 +130,13 @@ def test_fields_of_a_custom_message_are_guessed_with_their_units() -> None:
     assert mapping["tau"] == {"from": "/arm/state", "field": "current_ma", "unit": "mA", "scale": 1.0}
 
 
+def test_numbered_columns_have_their_units_and_goals_are_commands() -> None:
+    names = [f"{kind}{k}" for kind in ("pos_deg", "goal_deg") for k in (1, 2, 3)]
+    mapping = yaml.safe_load(suggestion([Channel(name, "", 1) for name in names], JOINTS, ("q", "tau")))
+    assert mapping["q"] == {"from": "pos_deg{i}", "unit": "deg"}
+    assert mapping["q_des"] == {"from": "goal_deg{i}", "unit": "deg"}
+
+
 def test_damaged_files_say_what_was_lost(tmp_path: Path) -> None:
     data = canonical(tmp_path / "log.mcap", BASE, chunk_size=4000).read_bytes()
     path = tmp_path / "cut.mcap"

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.trajectory import identification
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import fit_of
-from elid_cli.robot.robot import Robot
+from elid_cli.estimation.trajectory.late_joints import may_be_late
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion import plant
@@ -53,6 +55,23 @@ def test_late_drive_below_the_noise_is_named(pendulums: Robot) -> None:
 
     told = diagnose_motion(pendulums, signals)
     assert [(effect.effect, effect.joint) for effect in told.effects] == [("torque_delay", "one")]
+
+
+def test_a_declared_delay_is_fitted_from_its_value_on(pendulums: Robot) -> None:
+    log = logged(1, 0.006)
+    for declared in ({}, {"delay": 0.003}):
+        known = replace(pendulums, effects=(EffectSpec("torque_delay", "one", declared),))
+        found = identify(known, prepare(log, known), EstimateOptions(fit="trajectory"))
+        (late,) = (item for item in found.nuisances if item.effect == "torque_delay" and item.joint == "one")
+        assert abs(late.parameters["delay"] - 0.006) < 4 * late.std_error["delay"]
+        assert late.std_error["delay"] < 1e-3
+
+
+def test_a_drive_ahead_of_its_commands_is_not_believed(pendulums: Robot) -> None:
+    log = logged(0, 0.0)
+    fit, _ = fit_of(pendulums, prepare(log, pendulums), log)
+    later, sure = np.array([0.0, -0.002, 0.002]), np.full(3, 1e-4)
+    assert may_be_late(fit, later, sure).tolist() == [True, False, True]
 
 
 def test_no_drive_is_named_late_in_clean_logs(pendulums: Robot) -> None:
