@@ -39,7 +39,7 @@ DOUBTED = 1.2
 LEAST = 0.015
 """Relative difference from which a gain is looked for where the motion asks for it."""
 MOST = 0.5
-"""Part of the joint's squared error that the first step to them may leave."""
+"""Part of the joint's squared error beyond noise that the first step to them may leave."""
 LARGEST = 0.5
 """Part of itself by which a ratio is taken to be off at first."""
 LEAST_RATIO = 0.05
@@ -108,14 +108,17 @@ class Gains:
 def asked_by_motion(fit: TrajectoryFit, signals: Signals, scales: Sequence[LoadScale]) -> list[LoadScale]:
     """Return scales, and those of further joints that the motion which a fit leaves asks for."""
     known = {scale.joint for scale in scales}
-    joints = [k for k in np.flatnonzero(fit.above_noise(signals) >= DOUBTED).tolist() if k not in known]
+    above = fit.above_noise(signals)
+    joints = [k for k in np.flatnonzero(above >= DOUBTED).tolist() if k not in known]
     if not joints:
         return list(scales)
     beside = Beside.of(fit, moved_by_gains(fit, joints))
     return [*scales, *(
         LoadScale(joint, 1.0 + float(np.clip(step, -LARGEST, LARGEST)), deviation, 0.0)
         for joint, step, deviation in zip(joints, beside.steps.tolist(), beside.deviations.tolist(), strict=True)
-        if abs(step) > max(LEAST, SURE * deviation) and beside.left[joint] < MOST
+        if abs(step) > max(LEAST, SURE * deviation)
+        # of what is more than noise
+        and beside.left[joint] * above[joint] ** 2 - 1.0 < MOST * (above[joint] ** 2 - 1.0)
     )]  # fmt: skip
 
 

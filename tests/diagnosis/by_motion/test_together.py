@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis.by_motion import together
+from elid_cli.diagnosis.by_motion import together, torque_gains
 from elid_cli.diagnosis.by_motion.together import simplest, twins_of_gains
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.changes import Changed
@@ -61,3 +61,16 @@ def test_a_load_is_told_beside_a_gain_that_does_no_better() -> None:
     asked.fit = fit(1.5)
     assert not twins_of_gains(gains, asked, fit(0.0))
     assert not twins_of_gains(gains, None, fit(0.0))
+
+
+@pytest.mark.parametrize(("left", "asked"), [(0.55, True), (0.85, False)])
+def test_a_gain_is_asked_for_by_what_it_takes_beyond_noise(
+    monkeypatch: pytest.MonkeyPatch, left: float, asked: bool
+) -> None:
+    # of 1.4 times the noise a right model leaves 0.51 of the squared error
+    beside = SimpleNamespace(steps=np.array([0.1]), deviations=np.array([1e-3]), left=np.array([1.0, left]))
+    monkeypatch.setattr(torque_gains, "moved_by_gains", lambda fit, joints: [])
+    monkeypatch.setattr(torque_gains.Beside, "of", lambda fit, moved: beside)
+    off: Any = SimpleNamespace(above_noise=lambda signals: np.array([1.0, 1.4]))
+    found = torque_gains.asked_by_motion(off, None, ())  # type: ignore[arg-type]
+    assert [scale.joint for scale in found] == ([1] if asked else [])
