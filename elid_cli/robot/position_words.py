@@ -25,3 +25,12 @@ def mean_words(robot: Robot, sizes: Mapping[str, float], digits: int, *, bare: b
         of = f" ({', '.join(own)})" if len(units) > 1 else ""
         parts.append(f"{mean:.6g}" if bare and not of else f"{mean:.6g} {unit}{of}")
     return " and ".join(parts)
+
+
+def largest_words(robot: Robot, sizes: Mapping[str, float], digits: int) -> str:
+    """Return the largest of joints' rms sizes, rad (m), in words: that of turning and that of sliding joints apart."""
+    worst: dict[str, str] = {}
+    for name in sorted(sizes, key=lambda name: sizes[name]):
+        worst[small_unit(robot, name)] = name
+    parts = [f"{float(f'{1e3 * sizes[name]:.{digits}g}'):.6g} {unit} rms (at {name})" for unit, name in worst.items()]
+    return " and ".join(parts)

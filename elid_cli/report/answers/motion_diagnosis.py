@@ -34,7 +34,7 @@ from elid_cli.report.tree import (
     percent,
     picked,
 )
-from elid_cli.robot.position_words import small_unit
+from elid_cli.robot.position_words import largest_words
 
 METHOD = "judged by the simulated motion, on stretches that the values were not fitted to"
 RIGID = " The joints are taken as rigid: play and compliance of their transmissions are not tried."
@@ -124,14 +124,14 @@ def _rival(rival: Rival) -> dict[str, Any]:
 
 def _trust(found: MotionDiagnosis) -> str:
     before, after = (mean_off(found, fit, bare=k == 0) for k, fit in enumerate((found.fit_before, found.fit_after)))
-    worst = max(found.position, key=lambda name: found.position[name].after)
+    most = largest_words(found.robot, {name: own.after for name, own in found.position.items()}, 2)
     left = found.unexplained
     verdict = f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}" if left else "Yes"
     added = ", " + ("even when" if left else "once") + " what is missing is added" if found.effects else ""
     was = f" ({before} without)" if found.effects else ""
     words = (
         f"{verdict}{added}: the motion simulated under the commands is off by {after} on average{was}, at most by "
-        f"{number_text(1e3 * found.position[worst].after, 2)} {small_unit(found.robot, worst)} rms (at {worst})."
+        f"{most}."
     )
     return doubted(words, (*found.recording.warnings, *found.after.warnings))
 
