@@ -129,6 +129,12 @@ reading = gathered(
 )  # fmt: skip
 
 
+commands = option(
+    INPUT, "--commands", type=click.Choice(("held", "smooth")), default="held", show_default=True,
+    help="Commands between the samples: held, or smooth, for a log that holds fewer of them than the drives were told.",
+)  # fmt: skip
+
+
 conditioning = gathered(
     "conditioning", SignalOptions,
     option(SIGNALS, "--cutoff", type=Number(above=0), metavar="HZ",

@@ -26,7 +26,7 @@ SMOOTH = "smooth"
 """What `settings["commands"]` of a fit says whose commands change smoothly from sample to sample."""
 NOTE = (
     "commands are taken to change smoothly from sample to sample, not to be held: the motion is ahead of held ones, "
-    "as where drives are told more often than is logged (elid replay --commands smooth)"
+    "as where drives are told more often than is logged (give replay and validate --commands smooth)"
 )
 
 

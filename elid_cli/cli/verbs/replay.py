@@ -65,9 +65,7 @@ class Way:
     options.option(options.FIT, "--engine", type=click.Choice(("elid", "mujoco")), default="elid", show_default=True,
                    help="Simulator: elid, or MuJoCo where it is installed. MuJoCo runs an MJCF as it is, in 1 ms "
                    "steps, and other robot files as exported to MJCF."),
-    options.option(options.FIT, "--commands", type=click.Choice(("held", "smooth")), default="held", show_default=True,
-                   help="Commands between the samples: held, or smooth, for a log that holds fewer of them than the "
-                   "drives were told."),
+    options.commands,
     options.option(options.INPUT, "--actuators", type=values.File(), metavar="FILE.json",
                    help="File of --write-actuators: offsets, delays and effects that a URDF or MJCF cannot hold."),
 )  # fmt: skip
