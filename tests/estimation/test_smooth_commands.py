@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.experiment.replay import ReplayOptions, replay
 from elid_cli.report.answers.lacking import motion_words
+from elid_cli.robot.files import write_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import held_mean
 from elid_cli.signals.recording import Recording, Segment
@@ -70,3 +74,20 @@ def test_commands_of_a_slow_log_are_smooth(pendulums: Robot) -> None:
 def test_held_commands_stay_held(pendulums: Robot) -> None:
     found = identify(pendulums, prepare(every(1), pendulums))
     assert "commands" not in found.settings
+
+
+def test_the_next_command_judges_the_written_robot_by_smooth_commands(
+    pendulums: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tau = np.full_like(every(5).tau, np.nan)  # a log of commands alone
+    log = plant.written(tmp_path, "slow.h5", replace(every(5), tau=tau))
+    robot, out = str(tmp_path / "arm.yaml"), str(tmp_path / "found.yaml")
+    write_robot(pendulums, robot)
+    assert main(["identify", log, "--robot", robot, "--write-robot", out]) == 0
+    assert f"Next: elid validate {log} --robot {out} --commands smooth" in capsys.readouterr().out
+    errors = {}
+    for how in ("smooth", "held"):
+        main(["validate", log, "--robot", out, "--commands", how, "--json"])
+        told = json.loads(capsys.readouterr().out)["error"]
+        errors[how] = max(own["relative"] for own in told.values())
+    assert errors["smooth"] < 0.03 < 0.1 * errors["held"]
