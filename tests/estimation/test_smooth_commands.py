@@ -69,6 +69,7 @@ def test_commands_of_a_slow_log_are_smooth(pendulums: Robot) -> None:
 
     diagnosed = diagnose_motion(pendulums, signals)
     assert not diagnosed.effects
+    assert any("--commands smooth" in note for note in diagnosed.after.notes)
 
 
 def test_held_commands_stay_held(pendulums: Robot) -> None:
@@ -91,3 +92,8 @@ def test_the_next_command_judges_the_written_robot_by_smooth_commands(
         told = json.loads(capsys.readouterr().out)["error"]
         errors[how] = max(own["relative"] for own in told.values())
     assert errors["smooth"] < 0.03 < 0.1 * errors["held"]
+
+
+def test_smooth_commands_of_a_log_with_torques_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", "sample_logs/planar2.mcap", "--robot", "planar2", "--commands", "smooth"]) == 2
+    assert "--commands smooth: the log holds torques" in capsys.readouterr().err

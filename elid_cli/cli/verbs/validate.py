@@ -44,6 +44,7 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
     from elid_cli.cli.progress import progress
 
     with progress(output, "reading") as advance:
+        from elid_cli.errors import UsageError
         from elid_cli.estimation.smooth_commands import as_smooth
         from elid_cli.estimation.stretches import search_folds, spans
         from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
@@ -54,7 +55,9 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
         robot = source.robot
         machine = load_robot(robot)
         recording, signals = read_source(source, machine, output, advance)
-        if part.commands == "smooth" and recording.commanded.all():
+        if part.commands == "smooth":
+            if not recording.commanded.all():
+                raise UsageError("--commands smooth: the log holds torques", hint="leave it out: it is of command logs")
             signals = as_smooth(signals)
         chosen = search_folds(len(signals.outputs)) < 0 if part.held_out else None
         found = judge(machine, signals, chosen)

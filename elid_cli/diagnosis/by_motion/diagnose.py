@@ -27,7 +27,7 @@ from elid_cli.estimation.identify import identify
 from elid_cli.estimation.known_load import off_scales, scale_warnings
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
-from elid_cli.estimation.smooth_commands import SMOOTH, as_smooth
+from elid_cli.estimation.smooth_commands import SMOOTH, as_smooth, noted
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.differing import as_last, differing
@@ -106,7 +106,8 @@ def diagnose_motion(
         robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None
     found = found or least_squares(robot, signals)
     if found.settings.get("commands") == SMOOTH and not recording.smooth:
-        return diagnose_motion(described, as_smooth(told), None, only, progress)
+        smooth = diagnose_motion(described, as_smooth(told), None, only, progress)
+        return replace(smooth, after=noted(smooth.after))
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
     of_limits = () if higher is None else higher.effects
