@@ -99,16 +99,18 @@ def load_recording(
 def read_source(source: Source, robot: Robot, output: Output, progress: Progress | None) -> tuple[Recording, Signals]:
     """Read the logs, and filter and decimate them as a diagnosis needs it."""
     recording = load_recording(source.logs, robot, source.reading, output, source.conditioning.rate, progress)
-    return recording, load_signals(recording, robot, sharp(source.conditioning, recording), progress)
+    signals = load_signals(recording, robot, sharp(source.conditioning, recording), progress)
+    return signals.recording or recording, signals
 
 
 def load_signals(recording: Recording, robot: Robot, options: SignalOptions, progress: Progress | None) -> Signals:
     """Filter and decimate a recording as the options say."""
+    from elid_cli.estimation.smooth_commands import as_told
     from elid_cli.signals.signals import prepare
 
     if progress is not None:
         progress("smoothing", 0.0)
-    return prepare(recording, robot, options.of_log(recording.rate))
+    return as_told(robot, prepare(recording, robot, options.of_log(recording.rate)))
 
 
 def sharp(options: SignalOptions, recording: Recording) -> SignalOptions:

@@ -130,8 +130,9 @@ reading = gathered(
 
 
 commands = option(
-    INPUT, "--commands", type=click.Choice(("held", "smooth")), default="held", show_default=True,
-    help="Commands between the samples: held, or smooth, for a log that holds fewer of them than the drives were told.",
+    INPUT, "--commands", type=click.Choice(("held", "smooth")),
+    help="Commands between the samples: held, or smooth, for a log that holds fewer of them than the drives were told. "
+    "Default: from the motion.",
 )  # fmt: skip
 
 
@@ -147,6 +148,7 @@ conditioning = gathered(
            help="Use the velocities in the log where it has them, or always differentiate positions."),
     option(SIGNALS, "--knots", type=Number(above=0), metavar="S",
            help="Spacing of the smoothing splines' knots. Default: from the log."),
+    commands,
 )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ from elid_cli.diagnosis.summary import result
 from elid_cli.errors import UsageError
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.regression.observation import observe
+from elid_cli.estimation.smooth_commands import as_told
 from elid_cli.estimation.stretches import search_folds
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
@@ -135,7 +136,7 @@ def diagnose(
     UsageError
         An effect that can act at no joint, or a motion that cannot judge this log.
     """
-    options = options or DiagnoseOptions()
+    options, signals = options or DiagnoseOptions(), as_told(robot, signals)
     able = options.by != "torque" and signals.recording is not None and by_motion(robot, signals.recording)
     if options.by == "motion" and not able:
         raise UsageError("the motion cannot judge this log", detail="it must hold commands, of a robot of known bodies")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
-from elid_cli.estimation.smooth_commands import noted, smoothed
+from elid_cli.estimation.smooth_commands import as_told, noted
 from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
@@ -40,6 +40,9 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.streaming.reduced_log import ReducedLog
 
 __all__ = [
     "DefaultFit",
@@ -114,6 +117,12 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         from elid_cli.estimation.classical import identify_paper
 
         return identify_paper(robot, signals, options)
+    signals = as_told(robot, signals)
+    found = _identify(robot, signals, options)
+    return found if signals.recording is None else noted(found, smooth=signals.recording.smooth)
+
+
+def _identify(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:
     if signals.recording is not None and not samples_needed(robot, options):
         several = len({segment.source for segment in signals.segments}) > 1
         if several or is_long(signals, robot):
@@ -147,10 +156,6 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     found = judged_model(found, judgement)
-    torque = replace(options, fit="torque", accurate=False, guards=False)
-    smooth = smoothed(logged, found, lambda log: _identified(whole, log, torque))
-    if smooth is not None:
-        return noted(_identified(whole, smooth, options))
     if options.fit == "trajectory":
         from elid_cli.estimation.trajectory.identification import by_trajectory
 
@@ -213,7 +218,7 @@ def identify_logs(
         from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording
         from elid_cli.estimation.trajectory.several import by_motion, moved_unasked
 
-        logs = reduced_logs(request)
+        request, logs = _told_alike(request, reduced_logs(request))
         moving = all(log.facts.computed.all() for log in logs) and moved_unasked(request.robot, logs, options)
         asked = replace(options, fit="torque") if moving else options
         found, apart = identify_reduced(request.robot, logs, asked)  # refuses logs that do not belong together
@@ -224,6 +229,8 @@ def identify_logs(
         side = motor_side_of_logs(request, logs) if asks(options) else None
         return Identified(with_motor_side(with_load(found, computed), side), joined_recording(logs), apart, None)
     recording, signals = read_signals(request)
+    signals = as_told(request.robot, signals)
+    recording = signals.recording or recording
     if is_long(signals, request.robot) and not samples_needed(request.robot, options):
         from elid_cli.estimation.streaming.merge import identify_reduced
         from elid_cli.estimation.streaming.reduce import asked_of, reduce_each
@@ -242,6 +249,22 @@ def identify_logs(
     found = identify(request.robot, signals, options)
     apart = errors_by_log(identified_robot(found), signals, recording.files)
     return Identified(found, recording, apart, signals)
+
+
+def _told_alike(request: LogRequest, logs: list[ReducedLog]) -> tuple[LogRequest, list[ReducedLog]]:
+    """Return logs with commands as most of them have these, and the request that asks for that.
+
+    Triangle files stay as they are: what is merged refuses them where they differ.
+    """
+    smooth = [log.recording.smooth for log in logs if log.facts.computed.all()]
+    if not any(smooth) or any(log.origin for log in logs):
+        return request, logs
+    from elid_cli.estimation.streaming.fleet import reduced_logs
+
+    most: Literal["held", "smooth"] = "smooth" if 2 * sum(map(bool, smooth)) > len(smooth) else "held"
+    request = replace(request, signals=replace(request.signals, commands=most))
+    again = None if all(smooth) else replace(request, on_read=None)
+    return request, logs if again is None else reduced_logs(again)
 
 
 def _merges(request: LogRequest, options: EstimateOptions) -> bool:

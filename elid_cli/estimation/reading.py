@@ -31,4 +31,5 @@ def read_signals(request: LogRequest) -> tuple[Recording, Signals]:
         request.on_read([recording], ())
     if progress is not None:
         progress("smoothing", 0.0)
-    return recording, prepare(recording, request.robot, request.signals.of_log(recording.rate))
+    signals = prepare(recording, request.robot, request.signals.of_log(recording.rate))
+    return signals.recording or recording, signals

@@ -6,16 +6,26 @@ the motion seems ahead of its commands, and inertia and friction make up for sta
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.estimation.result import Identification
+from elid_cli.errors import DataError, LogError, RobotError
+from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.model.effects import effect_that
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals, prepare
 
+STAIRS = 0.4
+"""Part of the torques' error that the stairs of held commands are beyond a delay, from which the motion is asked."""
+CLEARLY = 10.0
+"""Logarithm of the likelihood, of errors without a memory, by which one of the two is clearly nearer …"""
+LEAST = 0.01
+"""… and of the error's size, summed over joints, by which it must be at least …"""
+REMEMBERED = 0.1
+"""… or where the errors have a memory."""
 AHEAD = 0.25
 """Part of a sample by which the motion must seem ahead of held commands: half of one where they change all the time."""
 EARLIEST = 0.1
@@ -25,31 +35,38 @@ WORSE = 1.2
 SMOOTH = "smooth"
 """What `settings["commands"]` of a fit says whose commands change smoothly from sample to sample."""
 NOTE = (
-    "commands are taken to change smoothly from sample to sample, not to be held: the motion is ahead of held ones, "
-    "as where drives are told more often than is logged (give replay and validate --commands smooth)"
+    "commands are taken to change smoothly from sample to sample, as where drives are told more often than is logged "
+    "(--commands held: as held for their sample)"
 )
 
 
-def smoothed(signals: Signals, found: Identification, fit: Callable[[Signals], Identification]) -> Signals | None:
-    """Return a log with commands that change smoothly from sample to sample; None where they are held.
+def as_told(robot: Robot, signals: Signals) -> Signals:
+    """Return a log of commands with these as the drives were told them, where its recording leaves that open.
 
-    Parameters
-    ----------
-    signals, found
-        The log, and what least squares say of it with commands that are held for their sample.
-    fit
-        Least squares of a log.
+    Where least squares with held commands leave a doubt, the motion is simulated under both, and what is clearly nearer
+    counts: where stairs of a sample would show, drives would be ahead of their commands, or viscous friction is
+    negative, which half a sample makes of it where delays are not clear. Where the motion does not say, commands are
+    smooth if drives would be ahead of held ones and are not of smooth ones. Other logs are returned as they are.
     """
     recording = signals.recording
-    if recording is None or recording.smooth or not recording.commanded.all():
-        return None
-    before = _delay(found)
-    if not before < -AHEAD * signals.dt:
-        return None
+    if recording is None or recording.smooth is not None or not recording.commanded.all():
+        return signals
+    held = replace(signals, recording=replace(recording, smooth=False))
     smooth = as_smooth(signals)
-    after = fit(smooth)
-    late = _delay(after) > -EARLIEST * signals.dt
-    return smooth if late and _error(after) <= WORSE * _error(found) else None
+    try:
+        return smooth if _is_smooth(robot, held, smooth) else held
+    except DataError:  # nothing can be fitted, which whoever asks will say
+        return held
+
+
+def recorded_as_told(robot: Robot, recording: Recording) -> Recording:
+    """Return a recording with commands as the drives were told them, see `as_told`."""
+    if recording.smooth is not None or not recording.commanded.all():
+        return recording
+    try:
+        return as_told(robot, prepare(recording, robot)).recording or recording
+    except (DataError, LogError):  # no joint moves, or too short
+        return recording
 
 
 def as_smooth(signals: Signals) -> Signals:
@@ -60,13 +77,79 @@ def as_smooth(signals: Signals) -> Signals:
     return replace(signals, tau=tau, command_torque=told, recording=recording)
 
 
-def noted(found: Identification) -> Identification:
-    """Return the fit of a log with such commands, which says so."""
+def noted(found: Identification, *, smooth: bool | None) -> Identification:
+    """Return a fit, which says so where its log has such commands."""
+    if not smooth or found.settings.get("commands") == SMOOTH:
+        return found
     return replace(found, notes=(*found.notes, NOTE), settings={**found.settings, "commands": SMOOTH})
 
 
+def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
+    before = _least_squares(robot, held)
+    ahead = _delay(before) < -AHEAD * held.dt
+    named = zip(robot.parameter_names(), before.standard.tolist(), strict=True)
+    driving = any(name.kind == "fv" and value < 0 for name, value in named)
+    doubted = ahead or driving or _stairs(held, before) > STAIRS
+    nearer = _nearer_by_motion(robot, held, smooth) if doubted else 0.0
+    if nearer or not ahead:
+        return nearer > 0
+    after = _least_squares(robot, smooth)
+    return _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)
+
+
+def _least_squares(robot: Robot, signals: Signals) -> Identification:
+    from elid_cli.estimation.identify import identify
+
+    return identify(robot, signals, EstimateOptions(fit="torque", guards=False))
+
+
+def _nearer_by_motion(robot: Robot, held: Signals, smooth: Signals) -> float:
+    """Return by how much the motion is nearer with smooth commands; 0 where it does not say, negative with held ones.
+
+    That is the sum over the joints of the logarithm by which the error's size falls.
+    """
+    from elid_cli.estimation.trajectory.decided import fit_trajectory
+    from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, started_from
+    from elid_cli.estimation.trajectory.memory import has_memory
+    from elid_cli.estimation.trajectory.unasked import LONGEST, is_known, seconds
+    from elid_cli.model.effects.of_drives import as_acting
+    from elid_cli.model.effects.posed import posed
+
+    if not is_known(robot) or 2.0 * seconds(robot, held) > LONGEST:
+        return 0.0
+    standing, sizes, alone, count = posed(robot), [], False, 0
+    for log in (held, smooth):
+        assert log.recording is not None
+        try:
+            acting = as_acting(robot, log)
+            runs = commanded_runs(log.recording, standing)
+            fit = fit_trajectory(
+                standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]), soft=False
+            )
+        except (DataError, LogError, RobotError):
+            sizes.append(np.inf)
+            continue
+        sizes.append(float(np.log(fit.equations.size).sum()))
+        alone = alone or not has_memory(fit.equations)
+        count = sum(int(item.counts.sum()) for item in fit.tracked)
+    if not np.isfinite(sizes).any():
+        return 0.0
+    nearer = sizes[0] - sizes[1]
+    least = max(LEAST, CLEARLY / max(count, 1)) if alone else REMEMBERED
+    return nearer if abs(nearer) > least else 0.0
+
+
+def _stairs(held: Signals, found: Identification) -> float:
+    """Return the stairs of held commands beyond a delay, as a part of the torques' error, of the joint with most."""
+    assert held.recording is not None
+    sizes = np.sqrt(np.nanmean((held.tau - held.recording.tau) ** 2, axis=0))
+    parts = [size / found.error[name].rms for name, size in zip(held.joints, sizes, strict=True)
+             if name in found.error and found.error[name].rms > 0]  # fmt: skip
+    return float(max(parts, default=0.0))
+
+
 def _delay(found: Identification) -> float:
-    """Return the median of the drives' delays, s; 0 where none was found."""
+    """Return the median of the delays that were found of drives, s; 0 where none was."""
     name = effect_that(nuisance="delay").name
     delays = [item.parameters["delay"] for item in found.nuisances if item.effect == name]
     return float(np.median(delays)) if delays else 0.0

@@ -52,7 +52,7 @@ class Run:
     """Integral of the commanded positions at every sample, less that of the measured ones before the stretch, rad·s
     (m·s), (N, n): what drives with an integral term are told."""
 
-    smooth: bool = False
+    smooth: bool | None = None
     """Whether commands change smoothly from sample to sample: the drives were told more than the log holds."""
 
     def later(self, extra: Array) -> Run:
@@ -219,7 +219,7 @@ def _speed(logged: Array, position: Array, part: slice, dt: float) -> Array:
     return np.where(np.isfinite(logged[part.start]), logged[part.start], slope)
 
 
-def _way(commanded: bool, smooth: bool) -> Literal["held", "smooth", "line"]:
+def _way(commanded: bool, smooth: bool | None) -> Literal["held", "smooth", "line"]:
     """Return how values go on between samples: commands are held for theirs or smooth, torques are on a line."""
     if not commanded:
         return "line"

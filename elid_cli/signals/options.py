@@ -33,6 +33,9 @@ class SignalOptions:
     """Cut-off of the Butterworth filter on positions, Hz."""
     order: int = 4
     """Order of the Butterworth filter."""
+    commands: Literal["held", "smooth"] | None = None
+    """Whether commands are held for their sample, or change smoothly from one to the next; None: the log stays open
+    there, and `identify` and `diagnose` decide by the motion."""
 
     def of_log(self, rate: float) -> SignalOptions:
         """Return the options for a log of `rate` samples per second: a rate that told just that is no other wish."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import UsageError
 from elid_cli.tables import Shown
 
 MEASURED = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
@@ -78,8 +79,9 @@ class Recording(Shown):
     commands: Mapping[str, Array] = field(default_factory=dict)
     """What the drives were told, where it was logged: ``q_des dq_des tau_ff kp kd``, held from one sample to the next,
     SI at the joint, each of shape (N, n); NaN columns where a joint has none."""
-    smooth: bool = False
-    """Whether commands change smoothly from sample to sample, as where drives are told more often than is logged."""
+    smooth: bool | None = None
+    """Whether commands change smoothly from sample to sample, as where drives are told more often than is logged, or
+    are held; None: nobody said, and they count as held."""
     segments: tuple[Segment, ...] = ()
     files: tuple[str, ...] = ()
     sha256: tuple[str, ...] = ()
@@ -175,6 +177,16 @@ def without_samples(joints: tuple[str, ...], dt: float, samples: int, **told: An
     """
     empty = np.broadcast_to(np.nan, (samples, len(joints)))
     return Recording(joints, dt, np.broadcast_to(np.nan, (samples,)), empty, empty, empty, **told)
+
+
+def with_commands(recording: Recording, how: str | None, *, commanded: bool) -> Recording:
+    """Return a recording whose commands are held or smooth; None: as it is.
+
+    `commanded` says whether commands drive all joints; of others none may be smooth (UsageError).
+    """
+    if how == "smooth" and not commanded:
+        raise UsageError("--commands smooth: the log holds torques", hint="leave it out: it is of command logs")
+    return recording if how is None else replace(recording, smooth=how == "smooth")
 
 
 def is_empty(column: Array) -> bool:

@@ -21,7 +21,7 @@ from elid_cli.signals.motion import Motion, joined_motion
 from elid_cli.signals.moving_joints import at_rest, constant, extremes, held, stationary, top_speed
 from elid_cli.signals.options import RATE_PER_CUTOFF
 from elid_cli.signals.options import SignalOptions as SignalOptions
-from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.recording import Recording, Segment, with_commands
 from elid_cli.signals.torque_sensors import sensors_of
 from elid_cli.tables import Brief
 
@@ -181,8 +181,11 @@ def prepare(
         If no segment is long enough.
     DataError
         If no joint moves.
+    UsageError
+        Smooth commands of a log that holds torques.
     """
     options = options or SignalOptions()
+    recording = with_commands(recording, options.commands, commanded=bool(recording.commanded.all()))
     dt = recording.dt
     usual = EFFECT_CUTOFF if robot.effects else DEFAULT_CUTOFF
     cutoff = min(usual, 0.4 / dt) if options.cutoff is None else options.cutoff

@@ -100,6 +100,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
             for log in search.checks
         ]
         signals = load_signals(recording, machine, options if moving else sharp(options, recording), advance)
+        recording = signals.recording or recording
         if advance is not None and not moving:
             advance("fitting", 0.0)
         chosen = DiagnoseOptions(

@@ -44,7 +44,7 @@ class Way:
     against: str | None = None
     horizon: float | None = None
     engine: Literal["elid", "mujoco"] = "elid"
-    commands: Literal["held", "smooth"] = "held"
+    commands: Literal["held", "smooth"] | None = None
     actuators: str | None = None
 
 
@@ -90,6 +90,7 @@ def replay(
     from elid_cli.cli.progress import progress
 
     with progress(output, "reading") as advance:
+        from elid_cli.estimation.smooth_commands import recorded_as_told
         from elid_cli.experiment.replay import ReplayOptions
         from elid_cli.experiment.replay import replay as simulate
         from elid_cli.experiment.replay.replay import pooled
@@ -100,12 +101,15 @@ def replay(
             from elid_cli.experiment.replay.actuators import with_actuators
 
             machines[0] = with_actuators(machines[0], how.actuators)
-        ways = [ReplayOptions(how.horizon, how.engine, how.commands, _as_it_stands(machine)) for machine in machines]
         found: list[list[Replay]] = [[] for _ in machines]
         for log in logs:
-            for machine, replays, way in zip(machines, found, ways, strict=True):
+            told = how.commands
+            for machine, replays in zip(machines, found, strict=True):
                 recording = load_recording((log,), machine, reading, output, None, advance, label=log)
+                recording = recording if told else recorded_as_told(machine, recording)
+                way = ReplayOptions(how.horizon, how.engine, _as_it_stands(machine), told)
                 replays.append(simulate(machine, recording, way))
+                told = replays[-1].commands  # the same for all robots
         report = replay_report(found[0], found[1] if how.against else (), (robot, how.against or ""))
         report = illustrated(
             report, output, lambda build: build.replay_figures(found[0][0], found[1][0] if how.against else None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
@@ -19,7 +19,6 @@ class Part:
 
     held_out: bool = False
     against: tuple[str, ...] = ()
-    commands: Literal["held", "smooth"] = "held"
 
 
 @verb(
@@ -32,7 +31,6 @@ class Part:
     options.held_out,
     options.option(options.INPUT, "--against", multiple=True, metavar="ROBOT",
                    help="Another robot file to judge on the same logs, beside the first. Repeatable."),
-    options.commands,
 )  # fmt: skip
 @options.gathered("gates", Gates, options.max_error, options.fail_on_insufficient)
 @options.output
@@ -44,8 +42,6 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
     from elid_cli.cli.progress import progress
 
     with progress(output, "reading") as advance:
-        from elid_cli.errors import UsageError
-        from elid_cli.estimation.smooth_commands import as_smooth
         from elid_cli.estimation.stretches import search_folds, spans
         from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
         from elid_cli.estimation.validation.prediction import validate as judge
@@ -55,10 +51,6 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
         robot = source.robot
         machine = load_robot(robot)
         recording, signals = read_source(source, machine, output, advance)
-        if part.commands == "smooth":
-            if not recording.commanded.all():
-                raise UsageError("--commands smooth: the log holds torques", hint="leave it out: it is of command logs")
-            signals = as_smooth(signals)
         chosen = search_folds(len(signals.outputs)) < 0 if part.held_out else None
         found = judge(machine, signals, chosen)
         stretches = () if chosen is None else spans(found.observation.t, chosen)

@@ -27,7 +27,7 @@ from elid_cli.estimation.identify import identify
 from elid_cli.estimation.known_load import off_scales, scale_warnings
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
-from elid_cli.estimation.smooth_commands import SMOOTH, as_smooth, noted
+from elid_cli.estimation.smooth_commands import as_told
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.differing import as_last, differing
@@ -93,10 +93,11 @@ def diagnose_motion(
     UsageError
         None of the effects to try is one that a simulated motion is searched for.
     """
-    recording = signals.recording
-    assert recording is not None  # `by_motion` looked at it
     _check_only(robot, only)
-    told, described, robot, acting = signals, robot, posed(robot), as_acting(robot, signals)
+    told = as_told(robot, signals)
+    found, signals, recording = found if told is signals else None, told, told.recording
+    assert recording is not None  # `by_motion` looked at it
+    described, robot, acting = robot, posed(robot), as_acting(robot, signals)
     runs = commanded_runs(recording, robot)
     signals, found = acting, found if acting is signals and robot is described else None
     effects, amplitudes = declared_along(robot, runs[0])
@@ -105,9 +106,6 @@ def diagnose_motion(
     if higher is not None:
         robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None
     found = found or least_squares(robot, signals)
-    if found.settings.get("commands") == SMOOTH and not recording.smooth:
-        smooth = diagnose_motion(described, as_smooth(told), None, only, progress)
-        return replace(smooth, after=noted(smooth.after))
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
     of_limits = () if higher is None else higher.effects

@@ -207,6 +207,7 @@ def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
     joints = tuple(head["joints"])
     segments = tuple(Segment(*row) for row in arrays[f"{k}/segments"].tolist())
     known: dict[str, Any] = {name: tuple(head[name]) for name in _KNOWN}
+    known["smooth"] = head["options"].get("commands") == "smooth" or None
     recording = without_samples(
         joints, float(head["dt"]), int(head["samples"]), **known, segments=segments, sources=dict(head["sources"])
     )

@@ -21,6 +21,7 @@ import numpy as np
 from elid_cli import errors
 from elid_cli.errors import ElidError, UsageError
 from elid_cli.estimation.request import LogRequest
+from elid_cli.estimation.smooth_commands import as_told
 from elid_cli.estimation.streaming.reduce import asked_of, reduce_log
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, without_positions
 from elid_cli.logs import read_recording
@@ -78,8 +79,8 @@ def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
         time_source=job.time_source,
         progress=None if progress is None else lambda share: progress(READING * share),
     )
-    signals = prepare(recording, robot, SignalOptions(**job.conditioning).of_log(recording.rate))
-    recording = without_positions(recording)
+    signals = as_told(robot, prepare(recording, robot, SignalOptions(**job.conditioning).of_log(recording.rate)))
+    recording = without_positions(signals.recording or recording)
     signals = replace(signals, recording=recording)
     told = None if progress is None else lambda share: progress(READING + (1 - READING) * share)
     reduced = reduce_log(robot, signals, recording, job.conditioning, told)
@@ -181,10 +182,10 @@ def _check_options(log: ReducedLog, wish: Mapping[str, object]) -> None:
     """Refuse what is asked now and stored triangles were not made with (UsageError)."""
     usual = asked_of(SignalOptions())
     for key, value in wish.items():
-        made = log.options.get(key)
+        made = log.options.get(key) or ("held" if key == "commands" else None)
         if value not in (usual[key], made):
             raise UsageError(
-                f"{log.name}: reduced with another {key.replace('_', '-')}",
+                f"{log.name}: reduced with {'other' if key.endswith('s') else 'another'} {key.replace('_', '-')}",
                 detail=f"{'chosen from the log' if made is None else made} when it was reduced, {value} now",
                 hint="reduce the log again, or leave the option out",
             )

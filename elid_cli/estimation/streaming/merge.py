@@ -16,6 +16,7 @@ from elid_cli.estimation.facts import joined_facts
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.estimation.smooth_commands import noted
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness
 from elid_cli.estimation.stiffness.links import merged_stiffness
 from elid_cli.estimation.streaming.between_logs import Together, together
@@ -73,6 +74,7 @@ def identify_reduced(
         from elid_cli.estimation.trajectory.unasked import pointed_out
 
         found = pointed_out(found)
+    found = noted(found, smooth=logs[0].recording.smooth)
     return found, _by_log(model, logs, fit)
 
 
@@ -193,6 +195,7 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
         notes=tuple(notes),
         warnings=(*warnings, *repeated(names, digests)),
         sources={name: place for part in reversed(parts) for name, place in part.sources.items()},
+        smooth=parts[0].smooth,
     )
 
 

@@ -42,7 +42,7 @@ SINGLE = 64 << 20
 
 def asked_of(options: SignalOptions) -> dict[str, object]:
     """Return what of a log's conditioning a user may ask for, as JSON values; None: chosen from the log."""
-    keys = ("cutoff", "rate", "min_velocity", "measured_velocity", "knots", "slow_motion")
+    keys = ("cutoff", "rate", "min_velocity", "measured_velocity", "knots", "slow_motion", "commands")
     return {key: getattr(options, key) for key in keys}
 
 
@@ -121,7 +121,7 @@ def reduce_log(
         fit_data(base, data, EstimateOptions())
     return ReducedLog(
         fingerprint(robot),
-        dict(options),
+        {**options, "commands": "smooth" if recording.smooth else None},
         hollow(recording),
         facts,
         layout,

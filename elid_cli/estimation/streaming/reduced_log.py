@@ -47,7 +47,7 @@ class ReducedLog:
     fingerprint: str
     """Of the model of the robot as described (`robot_text.fingerprint`)."""
     options: Mapping[str, object]
-    """How the signals were conditioned, as asked for; JSON values."""
+    """How the signals were conditioned, as asked for, JSON values; of commands, what was decided: smooth, or None."""
     recording: Recording
     """What is known of the log, its samples left out."""
     facts: SignalFacts
@@ -77,7 +77,7 @@ class ReducedLog:
 
 def hollow(recording: Recording) -> Recording:
     """Return a recording that says all about its samples but holds none: arrays of the same shape that take no room."""
-    kept = ("segments", "files", "sha256", "repairs", "notes", "warnings")
+    kept = ("segments", "files", "sha256", "repairs", "notes", "warnings", "smooth")
     told = {name: getattr(recording, name) for name in kept}
     samples = recording.samples
     return without_samples(recording.joints, recording.dt, samples, **told, sources=dict(recording.sources))

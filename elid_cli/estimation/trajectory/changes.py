@@ -246,7 +246,8 @@ def descended(
             return None
         fell = nearer_by(again, fit)
         fit = again
-        if before is not None and number >= TRIED and nearer_by(fit, before) < HOPEFUL and not _counts(by, fit):
+        tried = number >= (1 if by.little else TRIED)
+        if before is not None and tried and nearer_by(fit, before) < HOPEFUL and not _counts(by, fit):
             return None
     made = Changed(by, values, deviations, level, fit)
     return made if (known or made.sure.any()) and (np.abs(values) < by.most).all() else None

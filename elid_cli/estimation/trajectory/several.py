@@ -43,7 +43,7 @@ def by_motion(
     from elid_cli.estimation.trajectory.unasked import or_by_motion
 
     recording, signals = read_signals(replace(request, on_read=None, progress=None))
-    answer = or_by_motion(found, signals, delays=delays)
+    answer = or_by_motion(found, signals, delays=delays)  # commands are as the request says
     if answer.estimator == "trajectory":
         apart = errors_by_log(identified_robot(answer), signals, recording.files)
     return answer, recording, apart, signals

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -31,7 +31,7 @@ from elid_cli.model.rollout import Added, Along, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import Recording, with_commands
 from elid_cli.tables import Shown
 
 TORQUE_HORIZON = 0.5
@@ -46,10 +46,11 @@ class ReplayOptions:
     """Seconds after which the simulation starts again from the measured state; None: once for every stretch of the
     log, or every `TORQUE_HORIZON` where torques drive it."""
     engine: Literal["elid", "mujoco"] = "elid"
-    commands: Literal["held", "smooth"] = "held"
-    """Whether commands are held for their sample, or change smoothly from one to the next."""
     mjcf: str | None = None
     """With MuJoCo: an MJCF file that is simulated as it stands, in elid's steps of 1 ms, not the exported robot."""
+    commands: Literal["held", "smooth"] | None = None
+    """Whether commands are held for their sample, or change smoothly from one to the next; None: as the recording says,
+    else held."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,12 +70,15 @@ class Replay(Shown):
     horizon: float | None
     driven_by: Literal["commands", "torque"]
     engine: str
-    commands: str = "held"
-    """`ReplayOptions.commands`."""
     left_out: tuple[str, ...] = ()
     """Declared effects that the replay does not hold."""
     mjcf: str | None = None
     """The file that MuJoCo simulated, where it did not simulate the exported robot."""
+
+    @property
+    def commands(self) -> Literal["held", "smooth"] | None:
+        """What commands are taken to do between samples; None where torques drive the robot."""
+        return None if self.driven_by == "torque" else "smooth" if self.recording.smooth else "held"
 
     @property
     def difference(self) -> Array:
@@ -131,7 +135,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     _no_driving_friction(robot)
     offsets, left_out = _of_channels(robot)
     delays, gains, rates = declared_shifts(robot).torque, declared_gains(robot), declared_integrals(robot)
-    recording = replace(recording, smooth=by_commands and options.commands == "smooth")
+    recording = with_commands(recording, options.commands, commanded=by_commands)
     runs = runs_of(recording, robot, horizon, delays, commanded=by_commands)
     if by_commands and rates.any():
         runs = [run.integrating(rates, delays) for run in runs]
@@ -155,7 +159,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     error = position_errors(robot, simulated[order] - measured[order])
     return Replay(
         robot, recording, error, t[order], measured[order], simulated[order], horizon,
-        "commands" if by_commands else "torque", options.engine, options.commands, left_out,
+        "commands" if by_commands else "torque", options.engine, left_out,
         options.mjcf if options.engine == "mujoco" else None,
     )  # fmt: skip
 

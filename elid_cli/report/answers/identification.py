@@ -8,7 +8,6 @@ from dataclasses import replace
 
 from elid_cli.estimation.refined_robot import could_be_built, impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification
-from elid_cli.estimation.smooth_commands import SMOOTH
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.model.effects import nuisance_of
@@ -213,8 +212,7 @@ def _next(found: Identification, recording: Recording, robot_argument: str, writ
     if found.model != "sufficient" or is_unclear(found.noise):
         return inputs.command("diagnose", recording, robot_argument)
     if written:
-        smooth = ("--commands", SMOOTH) if found.settings.get("commands") == SMOOTH else ()
-        return inputs.command("validate", recording, written[0], *smooth)
+        return inputs.command("validate", recording, written[0])
     keeping = inputs.keeping(found.robot, "identified", _declared(found.robot))
     mjcf = len(keeping) > 2 and not found.robot.source.lower().endswith(".urdf")
     if mjcf and not found.drives and not could_be_built(found):

@@ -35,6 +35,7 @@ def log_payload(recording: Recording) -> dict[str, Any]:
         "segments": len(recording.segments),
         **picked(recording, "sources repairs notes warnings"),
         **({"temperature": means} if means else {}),
+        **({} if recording.smooth is None else {"commands": "smooth" if recording.smooth else "held"}),
     }
 
 
@@ -48,7 +49,7 @@ def recorded_items(robot: Robot, recording: Recording) -> Items:
     """Return what the logs hold and what was repaired."""
     computed = recording.commanded
     present = [name for name in SIGNALS if _has(recording, name) and not (name == "tau" and computed.all())]
-    present += ["commands"] if computed.any() else []
+    present += [f"commands{' (smooth between samples)' if recording.smooth else ''}"] if computed.any() else []
     stretches = f" in {len(recording.segments)} segments" if len(recording.segments) > 1 else ""
     line = (
         f"{_value(recording.duration)} s at {_value(recording.rate)} Hz{stretches}, "
@@ -128,9 +129,10 @@ def span_words(spans: Sequence[tuple[float, float]]) -> str:
 
 
 def command(verb: str, recording: Recording | None, robot: str, *options: str) -> str:
-    """Return a command line to paste."""
+    """Return a command line to paste, which takes commands as they were taken."""
     files = recording.files if recording is not None else ("LOG",)
-    return shlex.join(["elid", verb, *files, "--robot", robot, *options])
+    smooth = ("--commands", "smooth") if recording is not None and recording.smooth else ()
+    return shlex.join(["elid", verb, *files, "--robot", robot, *options, *smooth])
 
 
 def keeping(robot: Robot, word: str, effects: Iterable[str] = ()) -> tuple[str, ...]:
