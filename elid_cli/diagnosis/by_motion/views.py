@@ -18,6 +18,9 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS, Unknowns
 from elid_cli.model.linearised import Linearised
 from elid_cli.signals.motion import Motion
 
+SAME = 1e-9
+"""rad (m) by which positions of one count differ where they were interpolated."""
+
 
 def views_of(fit: TrajectoryFit) -> list[View]:
     """Return the stretches of a fit with the columns of all its unknowns."""
@@ -27,13 +30,27 @@ def views_of(fit: TrajectoryFit) -> list[View]:
     found = []
     for item in fit.tracked:
         moved = simulated(equations, item, fit.unknowns, fit.z, parameters)
-        weight = weighed(moved.error, item.usual, item.counts).light / size
+        weight = weighed(moved.error, item.usual, item.counts).light / size * _of_rests(item.run.measured)
         scene = scene_along(robot, item.x, item.v, item.equations(equations), item.run.dt, parameters, len(item.x))
         found.append(View(
             scene, moved.error * weight, weight, moved.columns * weight[:, :, None], _responses(fit, item, equations),
             item.run.source, _turning(fit, scene.motion),
         ))  # fmt: skip
     return found
+
+
+def _of_rests(measured: Array) -> Array:
+    """Return the weight of every sample among those that an encoder gives one count for, (N, n): together they are one.
+
+    What is left of a count is the same for a whole rest, and again whenever the joint comes back: it would look like a
+    function of the position.
+    """
+    weight = np.ones_like(measured)
+    for k, column in enumerate(measured.T):
+        starts = np.concatenate([[0], np.flatnonzero(np.abs(np.diff(column)) > SAME) + 1, [len(column)]])
+        lengths = np.diff(starts)
+        weight[:, k] = np.repeat(1.0 / np.sqrt(lengths), lengths)
+    return weight
 
 
 def _turning(fit: TrajectoryFit, motion: Motion) -> Array | None:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import first_of
+from elid_cli.errors import UsageError, first_of
 from elid_cli.estimation.sampling.draw import draw_sets
 from elid_cli.estimation.sampling.pool import Distribution, Origin, pooled
 from elid_cli.estimation.sampling.saved import SavedDistribution, as_distribution
 from elid_cli.estimation.sampling.whole import as_identified, other_combinations, whole_sets
 from elid_cli.robot.robot import Robot
+from elid_cli.robot.text import fingerprint
 from elid_cli.robot.urdf.write import with_parameters
 from elid_cli.tables import Shown
 
@@ -23,6 +24,9 @@ LOW, HIGH = 2.5, 97.5
 """Percentiles that ranges reach from and to."""
 ROUNDING = 1e-12
 """Relative difference of values that are the same."""
+FRICTION = ("fs", "fv")
+SAME_FILE = 1e-9
+"""Relative difference of values that one file holds."""
 LISTED = 8
 """Parameters that a note names."""
 
@@ -81,7 +85,8 @@ def sample(
     Raises
     ------
     UsageError
-        Results of unlike robots, or a robot that lacks their joints or parameters.
+        Results of unlike robots, or a robot that lacks their joints or parameters, or the effects that a diagnosis
+        found.
     """
     told = [as_distribution(result, number) for number, result in enumerate(results, start=1)]
     found = pooled(told)
@@ -90,6 +95,7 @@ def sample(
     notes = [*_held_words(found), *_channel_words(told)]
     if robot is None:
         return ParameterSets(found, found.names, found.units, found.origin, values, seed, tuple(notes))
+    _check_complete(told, robot)
     robot, base, rows = as_identified(robot, found)
     if other_combinations(robot, base):
         notes.append(
@@ -99,6 +105,28 @@ def sample(
     return ParameterSets(
         found, tuple(base.parameters), robot.parameter_units(), origin, whole, seed, (*notes, *said), robot
     )
+
+
+def _check_complete(results: Sequence[SavedDistribution], robot: Robot) -> None:
+    """Refuse a robot as it was before a diagnosis found what it lacks (UsageError): no set of it moves as measured."""
+    rigid = [replace(j, transmission="rigid") if j.transmission == "auto" else j for j in robot.joints]
+    models = {fingerprint(robot), fingerprint(replace(robot, joints=tuple(rigid)))}
+    for result in results:
+        if result.lacking and result.fingerprint in models and _has_friction_of(robot, result):
+            raise UsageError(
+                f"{robot.name}: lacks what {result.file} found: {first_of(list(result.lacking), LISTED)}",
+                detail="sets of it would have the values that were found beside that, without it",
+                hint="give the robot that elid diagnose --write-robot FILE.yaml writes",
+            )
+
+
+def _has_friction_of(robot: Robot, result: SavedDistribution) -> bool:
+    """Whether a robot has the friction of the file that a result was made with; its bodies may have a load since."""
+    own = {str(name): value for name, value in zip(robot.parameter_names(), robot.reference().tolist(), strict=True)
+           if name.kind in FRICTION}  # fmt: skip
+    pairs = [(own[next(iter(terms))], value) for terms, value in zip(result.terms, result.reference, strict=True)
+             if len(terms) == 1 and next(iter(terms)) in own]  # fmt: skip
+    return all(np.isclose(*pair, rtol=SAME_FILE, atol=0.0, equal_nan=True) for pair in pairs)
 
 
 def _channel_words(results: Sequence[SavedDistribution]) -> list[str]:

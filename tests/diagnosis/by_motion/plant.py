@@ -42,24 +42,28 @@ def moved(
     push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,
+    resting: bool = False, count: float = 0.0,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
     `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q, its rate, and
     what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps. Drives deliver at most
     `limit`. Gravity is turned by `tilt`, rad, about the pendulums' axes; one of each, (3,), is its encoder's zero.
-    The drives add up `integral` times the error, N·m/(rad·s), and have `held`, N·m, when the log begins.
+    The drives add up `integral` times the error, N·m/(rad·s), and have `held`, N·m, when the log begins. Commands go
+    from pose to pose and rest there where `resting`; encoders read whole multiples of a `count`, rad.
     """
     rng = np.random.default_rng(seed)
-    count, fine = round(duration / DT) + 1, round(DT / STEP)
-    t = DT * np.arange(count)
+    samples, fine = round(duration / DT) + 1, round(DT / STEP)
+    t = DT * np.arange(samples)
     phase = rng.uniform(0, 2 * np.pi, 6)
     chirp = 2 * np.pi * (0.2 * t + 0.5 * 0.15 * t**2)
     q_des = np.stack([0.5 * np.sin(chirp + phase[k]) + 0.3 * np.sin(2.1 * t + phase[k + 3]) for k in range(3)], axis=1)
+    if resting:
+        q_des = _from_pose_to_pose(t, rng)
     dq_des = np.gradient(q_des, DT, axis=0)
     inertia = INERTIA + MASS * REACH**2 + ARMATURE
     x, v = q_des[0].copy(), np.zeros(3)
-    states = np.empty(((count - 1) * fine + 1, 3))
+    states = np.empty(((samples - 1) * fine + 1, 3))
     speeds = np.empty_like(states)
     states[0], speeds[0] = x, v
     # plain numbers: arrays of three would take ten times as long
@@ -103,16 +107,32 @@ def moved(
             x[j] += 0.5 * STEP * (v[j] + after[j])
         v = after
         states[k + 1], speeds[k + 1] = x, v
-    at = t + np.clip(jitter * rng.standard_normal(count), -0.9 * DT, 0.9 * DT)
+    at = t + np.clip(jitter * rng.standard_normal(samples), -0.9 * DT, 0.9 * DT)
     grid = STEP * np.arange(len(states))
     q, dq = (np.stack([np.interp(at, grid, column) for column in part.T], axis=1) for part in (states, speeds))
-    q += noise * rng.standard_normal(q.shape)
-    dq += 30 * noise * rng.standard_normal(q.shape)
-    gains = {"kp": np.tile(KP, (count, 1)), "kd": np.tile(KD, (count, 1))}
+    if count:
+        q, dq = count * np.round(q / count), np.full_like(dq, np.nan)
+    else:
+        q += noise * rng.standard_normal(q.shape)
+        dq += 30 * noise * rng.standard_normal(q.shape)
+    gains = {"kp": np.tile(KP, (samples, 1)), "kd": np.tile(KD, (samples, 1))}
     return Recording(
         joints=NAMES, dt=DT, t=t, q=q, theta=q, tau=np.full_like(q, np.nan), dq=dq,
-        commands={"q_des": q_des, "dq_des": dq_des, **gains}, segments=(Segment(0, count),), files=("made.h5",),
+        commands={"q_des": q_des, "dq_des": dq_des, **gains}, segments=(Segment(0, samples),), files=("made.h5",),
     )  # fmt: skip
+
+
+def _from_pose_to_pose(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return commands that go smoothly between eight poses of every joint, again and again, and rest, rad, (N, 3)."""
+    poses, found = rng.uniform(-0.8, 0.8, (8, 3)), np.empty((len(t), 3))
+    begins, at = 0.0, poses[0]
+    while begins < t[-1]:
+        takes, rests, to = *rng.uniform((0.3, 0.2), (0.8, 0.6)), poses[rng.integers(8)]
+        s = np.clip((t - begins) / takes, 0.0, 1.0)[:, None]
+        own = t >= begins
+        found[own] = (at + (to - at) * s**3 * (10 - 15 * s + 6 * s**2))[own]
+        begins, at = begins + takes + rests, to
+    return found
 
 
 def written(folder: Path, name: str, recording: Recording) -> str:
