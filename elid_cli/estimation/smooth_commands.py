@@ -10,8 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.errors import DataError, LogError, RobotError
+from elid_cli.errors import DataError, LogError
+from elid_cli.estimation.commanded_rates import with_rates
 from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.estimation.trajectory.nearer import nearer_by_motion
 from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque
@@ -20,12 +22,6 @@ from elid_cli.signals.signals import Signals, prepare
 
 STAIRS = 0.4
 """Part of the torques' error that the stairs of held commands are beyond a delay, from which the motion is asked."""
-CLEARLY = 10.0
-"""Logarithm of the likelihood, of errors without a memory, by which one of the two is clearly nearer …"""
-LEAST = 0.01
-"""… and of the error's size, summed over joints, by which it must be at least …"""
-REMEMBERED = 0.1
-"""… or where the errors have a memory."""
 AHEAD = 0.25
 """Part of a sample by which the motion must seem ahead of held commands: half of one where they change all the time."""
 EARLIEST = 0.1
@@ -43,11 +39,14 @@ NOTE = (
 def as_told(robot: Robot, signals: Signals) -> Signals:
     """Return a log of commands with these as the drives were told them, where its recording leaves that open.
 
+    Commanded velocities that are not logged are looked for first, see `commanded_rates.with_rates`.
+
     Where least squares with held commands leave a doubt, the motion is simulated under both, and what is clearly nearer
     counts: where stairs of a sample would show, drives would be ahead of their commands, or viscous friction is
     negative, which half a sample makes of it where delays are not clear. Where the motion does not say, commands are
     smooth if drives would be ahead of held ones and are not of smooth ones. Other logs are returned as they are.
     """
+    signals = with_rates(robot, signals)
     recording = signals.recording
     if recording is None or recording.smooth is not None or not recording.commanded.all():
         return signals
@@ -61,7 +60,7 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
 
 def recorded_as_told(robot: Robot, recording: Recording) -> Recording:
     """Return a recording with commands as the drives were told them, see `as_told`."""
-    if recording.smooth is not None or not recording.commanded.all():
+    if not recording.commanded.all() or (recording.smooth is not None and "dq_des" in recording.commands):
         return recording
     try:
         return as_told(robot, prepare(recording, robot)).recording or recording
@@ -90,7 +89,7 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
     named = zip(robot.parameter_names(), before.standard.tolist(), strict=True)
     driving = any(name.kind == "fv" and value < 0 for name, value in named)
     doubted = ahead or driving or _stairs(held, before) > STAIRS
-    nearer = _nearer_by_motion(robot, held, smooth) if doubted else 0.0
+    nearer = nearer_by_motion(robot, held, smooth) if doubted else 0.0
     if nearer or not ahead:
         return nearer > 0
     after = _least_squares(robot, smooth)
@@ -101,42 +100,6 @@ def _least_squares(robot: Robot, signals: Signals) -> Identification:
     from elid_cli.estimation.identify import identify
 
     return identify(robot, signals, EstimateOptions(fit="torque", guards=False))
-
-
-def _nearer_by_motion(robot: Robot, held: Signals, smooth: Signals) -> float:
-    """Return by how much the motion is nearer with smooth commands; 0 where it does not say, negative with held ones.
-
-    That is the sum over the joints of the logarithm by which the error's size falls.
-    """
-    from elid_cli.estimation.trajectory.decided import fit_trajectory
-    from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, started_from
-    from elid_cli.estimation.trajectory.memory import has_memory
-    from elid_cli.estimation.trajectory.unasked import LONGEST, is_known, seconds
-    from elid_cli.model.effects.of_drives import as_acting
-    from elid_cli.model.effects.posed import posed
-
-    if not is_known(robot) or 2.0 * seconds(robot, held) > LONGEST:
-        return 0.0
-    standing, sizes, alone, count = posed(robot), [], False, 0
-    for log in (held, smooth):
-        assert log.recording is not None
-        try:
-            acting = as_acting(robot, log)
-            runs = commanded_runs(log.recording, standing)
-            fit = fit_trajectory(
-                standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]), soft=False
-            )
-        except (DataError, LogError, RobotError):
-            sizes.append(np.inf)
-            continue
-        sizes.append(float(np.log(fit.equations.size).sum()))
-        alone = alone or not has_memory(fit.equations)
-        count = sum(int(item.counts.sum()) for item in fit.tracked)
-    if not np.isfinite(sizes).any():
-        return 0.0
-    nearer = sizes[0] - sizes[1]
-    least = max(LEAST, CLEARLY / max(count, 1)) if alone else REMEMBERED
-    return nearer if abs(nearer) > least else 0.0
 
 
 def _stairs(held: Signals, found: Identification) -> float:

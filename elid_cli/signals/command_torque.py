@@ -92,6 +92,15 @@ def held_mean(command: Array, segments: Sequence[tuple[int, int]]) -> Array:
     return mean
 
 
+def rates_of(command: Array, segments: Sequence[tuple[int, int]], dt: float) -> Array:
+    """Return the rates of commanded positions, (N, n), by central differences."""
+    found = np.zeros_like(command)
+    for start, stop in segments:
+        if stop - start > 1:
+            found[start:stop] = np.gradient(command[start:stop], dt, axis=0)
+    return found
+
+
 def smoothed_stairs(mean: Array, segments: Sequence[tuple[int, int]]) -> Array:
     """Return what is left of a held command's stairs where all above the sample rate is taken out, (N, n).
 

@@ -16,11 +16,17 @@ from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import ReadPlan
+from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.logs.repair.stuck import drop_stuck
 from elid_cli.memory import passed, writable
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.command_torque import rates_of
 from elid_cli.signals.recording import LINK_SENSORS
 
+UNTOLD = (
+    "no dq_des is logged: the drives are taken to be told none, unless the motion shows that they are told the rate of "
+    "q_des (--map dq_des=rate: that rate; a column of zeros: none)"
+)
 NOTHING = 1e-30
 """An effort or velocity, in SI units, that is none: its square may not even be a number."""
 ZERO_IS_ABSENT = ("tau", "tau_link", "dq", "dtheta")
@@ -135,6 +141,8 @@ def _compute_torque(
     filled |= gains
     if "q_des" not in filled or len(gains) < len(GAINS):
         return ""
+    if (asked := plan.placements.get("dq_des")) is not None and asked.spec.source == RATE:
+        filled["dq_des"] = rates_of(filled["q_des"], segments, dt)
     absent = np.isnan(filled["tau"]).all(axis=0)
     tau, more = commanded_torque(filled, gains, segments, dt, robot)
     made = absent & np.isfinite(tau).any(axis=0)
@@ -148,10 +156,13 @@ def _compute_torque(
             f"the drives of {in_words(motors.tolist())} are taken to have the motors' positions theta, not the links': "
             "with loops on the links, stiffnesses and inertias are wrong here"
         )
+    untold = "dq_des" not in filled
+    rates = "- kd dq" if untold else "+ kd (dq_des - dq)"
     notes += [
         *said,
-        f"tau{who} is computed: kp (q_des - q) + kd (dq_des - dq){' + tau_ff' * ('tau_ff' in filled)}; a torque delay "
+        f"tau{who} is computed: kp (q_des - q) {rates}{' + tau_ff' * ('tau_ff' in filled)}; a torque delay "
         "is that of the commands, as the drive has its positions at once",
+        *([UNTOLD] if untold and np.nan_to_num(gains["kd"]).any() else []),
         *more,
     ]
     return f"command{who}"

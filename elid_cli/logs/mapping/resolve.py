@@ -16,6 +16,8 @@ PATTERNS = ("{joint}", "{i}", "{i0}")
 """What stands for a joint's name, its number from 1 and its number from 0."""
 COMPUTED = "command"
 """What ``--map tau=command`` names: the torque is to be computed although the log holds one."""
+RATE = "rate"
+"""What ``--map dq_des=rate`` names: the drives are told the rate of their positions."""
 
 
 def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> ReadPlan:
@@ -145,8 +147,8 @@ def place(
     """Return where a signal is, or why its mapping does not fit the log; `near`: with the nearest name, which costs."""
     if spec.value is not None:
         return Placement(spec, (), (), "given")
-    if spec.signal == "tau" and spec.source == COMPUTED and COMPUTED not in by_source:
-        return Placement(spec, (), (), COMPUTED)
+    if (spec.signal, spec.source) in ((("tau", COMPUTED)), ("dq_des", RATE)) and spec.source not in by_source:
+        return Placement(spec, (), (), str(spec.source))
     if isinstance(spec.source, tuple) or any(mark in spec.source + spec.field for mark in PATTERNS):
         return _place_each(spec, by_source, robot, time, near=near)
     channel = find(spec, spec.source, by_source, near=near)

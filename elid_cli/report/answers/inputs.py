@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text, picked
 from elid_cli.robot.files import fingerprint
@@ -132,7 +133,9 @@ def command(verb: str, recording: Recording | None, robot: str, *options: str) -
     """Return a command line to paste, which takes commands as they were taken."""
     files = recording.files if recording is not None else ("LOG",)
     smooth = ("--commands", "smooth") if recording is not None and recording.smooth else ()
-    return shlex.join(["elid", verb, *files, "--robot", robot, *options, *smooth])
+    rates = recording is not None and recording.sources.get("dq_des") == RATE
+    told = ("--map", f"dq_des={RATE}") if rates else ()
+    return shlex.join(["elid", verb, *files, "--robot", robot, *options, *smooth, *told])
 
 
 def keeping(robot: Robot, word: str, effects: Iterable[str] = ()) -> tuple[str, ...]:

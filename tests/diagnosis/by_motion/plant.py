@@ -42,7 +42,7 @@ def moved(
     push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,
-    resting: bool = False, count: float = 0.0,
+    resting: bool = False, count: float = 0.0, rates: bool = True,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
@@ -50,7 +50,8 @@ def moved(
     what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps. Drives deliver at most
     `limit`. Gravity is turned by `tilt`, rad, about the pendulums' axes; one of each, (3,), is its encoder's zero.
     The drives add up `integral` times the error, N·m/(rad·s), and have `held`, N·m, when the log begins. Commands go
-    from pose to pose and rest there where `resting`; encoders read whole multiples of a `count`, rad.
+    from pose to pose and rest there where `resting`; encoders read whole multiples of a `count`, rad. Drives are told
+    the rates of their positions where `rates`, else that they are to stand still.
     """
     rng = np.random.default_rng(seed)
     samples, fine = round(duration / DT) + 1, round(DT / STEP)
@@ -60,7 +61,7 @@ def moved(
     q_des = np.stack([0.5 * np.sin(chirp + phase[k]) + 0.3 * np.sin(2.1 * t + phase[k + 3]) for k in range(3)], axis=1)
     if resting:
         q_des = _from_pose_to_pose(t, rng)
-    dq_des = np.gradient(q_des, DT, axis=0)
+    dq_des = np.gradient(q_des, DT, axis=0) if rates else np.zeros_like(q_des)
     inertia = INERTIA + MASS * REACH**2 + ARMATURE
     x, v = q_des[0].copy(), np.zeros(3)
     states = np.empty(((samples - 1) * fine + 1, 3))

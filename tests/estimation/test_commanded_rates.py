@@ -1,0 +1,69 @@
+"""Logs without commanded velocities: drives that are told the rate of their positions, and others that are told none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.robot.files import write_robot
+from elid_cli.robot.robot import Robot
+from tests.diagnosis.by_motion import plant
+
+TRUTH = {"Ja": plant.ARMATURE, "fs": plant.COULOMB, "fv": plant.VISCOUS}
+
+
+@pytest.fixture(scope="module")
+def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    bare = plant.robot(tmp_path_factory.mktemp("pendulums"))
+    return replace(bare, joints=tuple(replace(joint, transmission="rigid") for joint in bare.joints))
+
+
+def written(folder: Path, name: str, *, rates: bool) -> str:
+    """Write a log of drives that are told rates or none, without these."""
+    log = plant.moved(3, 12.0, rates=rates)
+    commands = {name: values for name, values in log.commands.items() if name != "dq_des"}
+    return plant.written(folder, name, replace(log, tau=np.full_like(log.tau, np.nan), dq=None, commands=commands))
+
+
+@pytest.mark.parametrize("rates", [True, False])
+def test_what_drives_are_told_is_what_the_motion_shows(
+    pendulums: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str], rates: bool
+) -> None:
+    log, robot, out = (
+        written(tmp_path, "bare.h5", rates=rates),
+        str(tmp_path / "arm.yaml"),
+        str(tmp_path / "found.yaml"),
+    )
+    write_robot(pendulums, robot)
+    assert main(["identify", log, "--robot", robot, "--json", "--write-robot", out]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["log"]["sources"].get("dq_des") == "rate") == rates
+    assert any("no dq_des is logged" in note for note in told["log"]["notes"])
+    for kind, values in TRUTH.items():
+        for name, value in zip(pendulums.joint_names, values, strict=True):
+            own = told["settings"]["trajectory"]["joint_parameters"][name][kind]
+            assert abs(own["estimate"] - value) < 4 * own["std_error"] < 0.1 * value, (name, kind)
+
+    assert main(["replay", log, "--robot", out, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["mean_abs"] < 1.5e-4
+    said = ["--map", "dq_des=rate"] if rates else []
+    assert main(["identify", log, "--robot", robot, "--write-robot", out, *said]) == 0
+    assert (" --map dq_des=rate" in capsys.readouterr().out.splitlines()[-1]) == rates
+
+
+def test_the_rate_is_taken_where_the_user_says_so(
+    pendulums: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, robot = written(tmp_path, "none.h5", rates=False), str(tmp_path / "arm.yaml")
+    write_robot(pendulums, robot)
+    assert main(["identify", log, "--robot", robot, "--map", "dq_des=rate", "--fit", "trajectory", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["log"]["sources"]["dq_des"] == "rate"
+    assert any("kd (dq_des - dq)" in note for note in told["log"]["notes"])
+    own = told["settings"]["trajectory"]["joint_parameters"]["one"]["fv"]
+    assert abs(own["estimate"] - plant.VISCOUS[0]) > 10 * own["std_error"]  # the log is of drives that are told none
