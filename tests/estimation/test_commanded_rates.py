@@ -1,4 +1,4 @@
-"""Logs without commanded velocities: drives that are told the rate of their positions, and others that are told none."""
+"""Logs without commanded velocities: drives that are told the rate of their positions, or that are told none."""
 
 from __future__ import annotations
 
