@@ -15,7 +15,7 @@ from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.late_joints import beyond_common, may_be_late, with_doubts
+from elid_cli.estimation.trajectory.late_joints import beyond_common, declared_late, may_be_late, with_doubts
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -265,12 +265,22 @@ def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
     return nearer_by(one, other) > CLEARLY
 
 
-def aware(fit: TrajectoryFit, changes: Sequence[Changed], scaled: NDArray[np.bool_]) -> TrajectoryFit:
-    """Return a fit with errors that know those of changes, of joints' gains (n,), and of delays that were not taken."""
+def aware(fit: TrajectoryFit, changes: Sequence[Changed], scaled: NDArray[np.bool_], robot: Robot) -> TrajectoryFit:
+    """Return a fit with errors that know those of changes, of joints' gains (n,), and of delays that were not taken.
+
+    Delays that the robot declares of some drives have the values of the motion then, unless some were found.
+    """
+    known = None if any(change.by.kind.nuisance == "delay" for change in changes) else declared_late(fit, robot)
+    if known is not None:
+        fit, changes = known.fit, (*changes, known)
     moved = [change.by.moved(fit, change.level, change.values) for change in changes]
     if scaled.any():
         moved.append(moved_by_gains(fit, np.flatnonzero(scaled).tolist()))
-    fit = with_doubts(fit)
+    fit, apart = with_doubts(fit), np.zeros(fit.unknowns.robot.n)
+    for change in changes:
+        if change.by.kind.nuisance == "delay":
+            apart[list(change.by.joints)] = change.deviations[: len(change.by.joints)]
+    fit = replace(fit, apart=apart)
     if not moved:
         return fit
     beside = Beside.of(fit, [np.concatenate(parts, axis=2) for parts in zip(*moved, strict=True)])

@@ -125,7 +125,7 @@ def searched(
         log = _Log(signals, runs, declared, only, progress)
         found = _by_both(plain, log, off)
         found = _by_other_bodies(plain, found, log)
-        after = aware(found.done.after, found.changes, found.scaled)
+        after = aware(found.done.after, found.changes, found.scaled, found.robot)
         return replace(found, done=replace(found.done, before=first, after=after))
     except KeyboardInterrupt:
         return replace(found, done=replace(found.done, before=first, partial=True))

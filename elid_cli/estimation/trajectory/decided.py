@@ -15,7 +15,6 @@ from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.softening import Refit, columns_of, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
-from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
@@ -94,7 +93,7 @@ def fit_with_columns(
 
     softer = softened(fit, refit, columns)
     if _lost(softer, start):
-        softer = _found_again(softer, fit, start, amplitudes, refit)
+        softer = _found_again(softer, fit, start, refit)
     return softer, columns if softer is fit else columns_of(softer)
 
 
@@ -107,23 +106,16 @@ def _lost(fit: TrajectoryFit, start: Array) -> bool:
     return bool(none.any()) and has_memory(fit.equations)
 
 
-def _found_again(
-    lost: TrajectoryFit, hard: TrajectoryFit, start: Array, amplitudes: Sequence[float], refit: Refit
-) -> TrajectoryFit:
-    """Return the fit that begins anew with soft friction at every joint, or `lost` where that is not clearly nearer.
+def _found_again(lost: TrajectoryFit, hard: TrajectoryFit, start: Array, refit: Refit) -> TrajectoryFit:
+    """Return the fit that begins anew with soft friction, or `lost` where that is not clearly nearer.
 
     Friction that holds turns the motion about from one instant to the next: a descent may end where inertia and
     friction make up for each other, although it began near the truth.
     """
     own = hard.unknowns
-    soft = [effect_that(softens=True)(joint, AGAIN) for joint in range(own.robot.n) if joint not in own.soft]
-    unknowns = Unknowns(own.robot, (*own.effects, *soft), own.recordings, own.held)
-    try:
-        found = refit(unknowns, hard, started(unknowns, start, amplitudes))
-    except DataError:
-        return lost
-    nearer = np.log(lost.equations.size / found.equations.size).sum() > NEARER
-    return replace(found, held=hard) if nearer else lost
+    shapes = {joint: AGAIN for joint in range(own.robot.n) if joint not in own.soft}
+    found = softened(hard, refit, shapes=shapes, start=start)
+    return found if np.log(lost.equations.size / found.equations.size).sum() > NEARER else lost
 
 
 def late_or_prompt(

@@ -57,7 +57,9 @@ from elid_cli.signals.signals import Signals
 GAINS = {"q_des", "kp", "kd"}
 """What a log must hold for its commands to drive a robot."""
 NOISE = 1.5
-"""Times the encoders' noise up to which simulated positions are off by that noise alone."""
+"""Times the encoders' noise up to which simulated positions are off by that noise alone …"""
+LESS = 0.7
+"""… and from which on."""
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
@@ -135,8 +137,11 @@ def fit_of(
 
 
 def is_at_noise(ratios: Mapping[Any, float]) -> bool:
-    """Whether errors of the simulated positions, joint by joint in times the encoders' noise, are that noise."""
-    return all(ratio < NOISE for ratio in ratios.values())
+    """Whether errors of the simulated positions, joint by joint in times the encoders' noise, are that noise.
+
+    One that is clearly less says that the noise was taken for larger than it is, and nothing of the errors.
+    """
+    return bool(ratios) and all(LESS < ratio < NOISE for ratio in ratios.values())
 
 
 def unsuited(robot: Robot) -> str:

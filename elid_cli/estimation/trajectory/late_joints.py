@@ -113,8 +113,12 @@ def late_joints(before: TrajectoryFit, alone: Beside | None = None) -> Changed |
     if found is None or not before.delays.any() or shows_delays(found.fit):
         return found
     # what all seemed to have was the late ones'
-    prompt = without_delays(before.unknowns, [replace(item) for item in before.tracked], before.z)[0]
+    prompt = _prompt(before)
     return _late_joints(prompt, of_every(prompt)) or found
+
+
+def _prompt(fit: TrajectoryFit) -> TrajectoryFit:
+    return without_delays(fit.unknowns, [replace(item) for item in fit.tracked], fit.z)[0]
 
 
 def _late_joints(before: TrajectoryFit, alone: Beside) -> Changed | None:
@@ -155,8 +159,13 @@ def declared_late(fit: TrajectoryFit, robot: Robot) -> Changed | None:
         late = late if len(late) < robot.n else tuple(np.argsort(np.abs(extra))[1:].tolist())
     if not late or robot.n < 2:
         return None
+    runs = [item.run for item in fit.tracked]
     started = Changed(LateJoints(late), np.zeros(len(late)), np.zeros(len(late)), robot, fit)
-    return descended(started, [item.run for item in fit.tracked], None, known=True)
+    found = descended(started, runs, None, known=True)
+    if found is None or not found.fit.delays.any() or shows_delays(found.fit):
+        return found
+    # beside declared delays that are not the drives' all may seem late or early
+    return descended(replace(found, fit=_prompt(found.fit)), runs, None, known=True) or found
 
 
 def with_doubts(fit: TrajectoryFit, alone: Beside | None = None) -> TrajectoryFit:

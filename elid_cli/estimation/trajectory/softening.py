@@ -42,7 +42,10 @@ Refit = Callable[[Unknowns, TrajectoryFit, Array], TrajectoryFit]
 """Fits unknowns, started from given ones (U,), to the stretches of a fit."""
 
 
-def softened(hard: TrajectoryFit, refit: Refit, columns: Sequence[Array] | None = None) -> TrajectoryFit:
+def softened(
+    hard: TrajectoryFit, refit: Refit, columns: Sequence[Array] | None = None, *,
+    shapes: Mapping[int, tuple[float, float]] | None = None, start: Array | None = None,
+) -> TrajectoryFit:  # fmt: skip
     """Return the fit with friction that fades in at the joints where the log asks for it; mostly it is `hard`.
 
     Parameters
@@ -53,13 +56,17 @@ def softened(hard: TrajectoryFit, refit: Refit, columns: Sequence[Array] | None 
         Fits again.
     columns
         Change of the positions of its stretches with every unknown, (N, n, U) each, where known.
+    shapes
+        Width and lead to start from of the joints where it may fade in; None: those where the log asks for it.
+    start
+        Drive parameters to start from, (n, 4); None: those of the fit with friction that holds.
 
     Returns
     -------
     TrajectoryFit
-        With `held`, the fit before, where friction fades in. Its effect stands after those that the robot declares.
+        With `held`, the fit before, where friction fades in. Its effects stand after those that the robot declares.
     """
-    shapes = _asked(hard, columns if columns is not None else columns_of(hard))
+    shapes = shapes or _asked(hard, columns if columns is not None else columns_of(hard))
     if not shapes:
         return hard
     kind, own, place = effect_that(softens=True), hard.unknowns, hard.unknowns.held
@@ -71,7 +78,8 @@ def softened(hard: TrajectoryFit, refit: Refit, columns: Sequence[Array] | None 
             softer = sorted([*softer, *asked], key=lambda effect: effect.joint)
             effects = (*hard.effects[:place], *softer, *(effect for effect in others if not effect.softens))
             unknowns = Unknowns(own.robot, effects, own.recordings, place)
-            z = started(unknowns, found.values, found.z[found.unknowns.amplitudes].tolist())
+            near = found.values if start is None or found is not hard else start
+            z = started(unknowns, near, found.z[found.unknowns.amplitudes].tolist())
             z[unknowns.delays] = found.delays
             found = refit(unknowns, hard, z)
             ours = [found.effects[found.unknowns.soft[effect.joint]] for effect in asked]

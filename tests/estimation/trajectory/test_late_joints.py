@@ -65,6 +65,11 @@ def test_a_declared_delay_is_fitted_from_its_value_on(pendulums: Robot) -> None:
         (late,) = (item for item in found.nuisances if item.effect == "torque_delay" and item.joint == "one")
         assert abs(late.parameters["delay"] - 0.006) < 4 * late.std_error["delay"]
         assert late.std_error["delay"] < 1e-3
+        # a diagnosis has the value and the error of the motion as well
+        after = diagnose_motion(known, prepare(log, known)).after
+        (same,) = (item for item in after.nuisances if item.effect == "torque_delay" and item.joint == "one")
+        assert abs(same.parameters["delay"] - 0.006) < 4 * same.std_error["delay"]
+        assert 0.5 < same.std_error["delay"] / late.std_error["delay"] < 2
 
 
 def test_a_drive_ahead_of_its_commands_is_not_believed(pendulums: Robot) -> None:
