@@ -91,3 +91,9 @@ def test_what_info_writes_reads_the_same_signals(tmp_path: Path, made: object, r
         assert (mapped.tau_link is None) == (plain.tau_link is None)
         assert mapped.warnings == plain.warnings
     assert ("tau" in inspect_log(path, robot).taken) == (robot is RIGID)
+
+
+def test_a_signal_and_its_place_are_spelt_as_in_a_file_or_with_an_equals_sign() -> None:
+    told = {"q_des": {"from": "/joint_commands.position"}}
+    assert read_map_options(["q_des: /joint_commands.position"]) == told
+    assert read_map_options(["q_des=/joint_commands.position"]) == told

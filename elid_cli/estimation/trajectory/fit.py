@@ -74,7 +74,7 @@ class TrajectoryFit:
     apart: Array | float = 0.0
     """Standard errors of the joints' own delays beside those of the recordings, s, (n,)."""
     doubted: Array | float = 0.0
-    """By how much later than here the drives of joints may act, s, (n,), which is not sure: the errors count it."""
+    """By how much later than here the drives of joints may act, s, (n,), negative earlier: the errors count it."""
     held: TrajectoryFit | None = None
     """The fit with friction that holds a joint at rest, of one in which it was found to fade in at some joints."""
 

@@ -40,13 +40,14 @@ def late_words(robot: Robot, fit: TrajectoryFit) -> str:
 
 
 def doubt_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
-    """Return which drives may be later than the fit has them, in a sentence; none where there are none."""
+    """Return which drives may act at another time than the fit has them, in a sentence; none where there are none."""
     doubted = np.broadcast_to(fit.doubted, robot.n).tolist()
-    said = [f"{name} {1e3 * late:.2g} ms later" for name, late in zip(robot.joint_names, doubted, strict=True) if late]
+    said = [f"{name} {1e3 * abs(late):.2g} ms {'later' if late > 0 else 'earlier'}"
+            for name, late in zip(robot.joint_names, doubted, strict=True) if late]  # fmt: skip
     if not said:
         return ()
-    return (f"drives that may act later than the fit has them: {', '.join(said)}; the log is not sure of it, and the "
-            "standard errors count it",)  # fmt: skip
+    return (f"drives that may act at another time than the fit has them: {', '.join(said)}; the log is not sure of it, "
+            "and the standard errors count it",)  # fmt: skip
 
 
 def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:

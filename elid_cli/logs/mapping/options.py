@@ -13,7 +13,7 @@ from elid_cli.logs.mapping.language import SIGNALS
 
 
 def read_map_options(options: Sequence[str]) -> dict[str, Any]:
-    """Return one raw mapping from the values of ``--map``: YAML files, ``signal=place``, or lines as hints give them.
+    """Return one raw mapping from the values of ``--map``: YAML files, ``signal=place``, or lines as in a file.
 
     Raises
     ------
@@ -22,7 +22,8 @@ def read_map_options(options: Sequence[str]) -> dict[str, Any]:
     """
     merged: dict[str, Any] = {}
     for option in options:
-        signal, equals, place = option.partition("=")
+        plain = re.fullmatch(r"(\w+):\s+([^\s{\[].*)", option)  # as in a file
+        signal, equals, place = (plain[1], "=", plain[2]) if plain else option.partition("=")
         line = _line_of(option)
         if line is not None:
             merged.update(line)

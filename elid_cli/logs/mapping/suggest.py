@@ -24,7 +24,8 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Words that name a signal, the surest first."""
 CURRENTS = {"current", "strom", "courant", "corriente", "i", "u", "voltage"}
-TOLD = {"ref", "cmd", "des", "desired", "target", "soll", "command", "commanded", "reference", "setpoint", "goal"}
+TOLD = {"ref", "cmd", "des", "desired", "target", "soll", "command", "commanded", "reference", "setpoint", "goal",
+        "action"}  # fmt: skip
 COMMANDED = {"q_des": False, "dq_des": True}
 """What a drive is told of its position loop, and whether it is a rate."""
 NO_POSITION = {"tau", "taum", "torque", "effort", "current", "moment", "strom", "force", "voltage", "temperature"}
