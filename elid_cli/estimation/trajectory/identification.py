@@ -29,6 +29,7 @@ from elid_cli.estimation.trajectory.found_effects import (
 )
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
 from elid_cli.estimation.trajectory.late_joints import declared_late, late_joints, of_every, with_doubts
+from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
 from elid_cli.estimation.trajectory.softening import columns_of
@@ -59,7 +60,7 @@ GAINS = {"q_des", "kp", "kd"}
 NOISE = 1.5
 """Times the encoders' noise up to which simulated positions are off by that noise alone …"""
 LESS = 0.7
-"""… and from which on."""
+"""… and below which they are too small for that noise."""
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
@@ -136,12 +137,15 @@ def fit_of(
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
-def is_at_noise(ratios: Mapping[Any, float]) -> bool:
+def is_at_noise(ratios: Mapping[Any, float], fit: TrajectoryFit | None = None) -> bool:
     """Whether errors of the simulated positions, joint by joint in times the encoders' noise, are that noise.
 
-    One that is clearly less says that the noise was taken for larger than it is, and nothing of the errors.
+    An error that is clearly less says that the noise was taken for larger than it is. Then that of the `fit` must have
+    no memory, where it is at hand.
     """
-    return bool(ratios) and all(LESS < ratio < NOISE for ratio in ratios.values())
+    if not ratios or max(ratios.values()) >= NOISE:
+        return False
+    return fit is None or min(ratios.values()) > LESS or not has_memory(fit.equations)
 
 
 def unsuited(robot: Robot) -> str:
@@ -271,7 +275,7 @@ def identification_of(
     beyond = {name: ratio for name, ratio in above.items() if ratio >= ABOVE}
     # that the residual of least squares, whose bodies are free, holds noise alone says nothing of the simulated motion
     model: ModelWord = "not judged" if found.model == "sufficient" and beyond else found.model
-    explained = not bodies and is_at_noise(above)
+    explained = not bodies and is_at_noise(above, fit)
     known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies)}
     return by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),

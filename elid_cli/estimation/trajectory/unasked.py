@@ -68,7 +68,7 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
     answer = identification_of(found, fit, signals, bodies)
     worse = _worse(found, answer)
     # where the motion leaves nothing but noise, the torque is at fault: velocities that it was computed from are late
-    if worse > FARTHER and not is_at_noise(dict(enumerate(fit.above_noise(signals).tolist()))):
+    if worse > FARTHER and not is_at_noise(dict(enumerate(fit.above_noise(signals).tolist())), fit):
         return _told(
             found, f"{COMPUTED}; but that of the motion, with the bodies of {found.robot.name}, predicts torque that "
             f"was not fitted {worse:.2g} times as badly (--fit trajectory)",
@@ -106,9 +106,15 @@ def is_known(robot: Robot) -> bool:
     drives = {*PARAMETERS, "Jm", "K"}
     named = zip(robot.parameter_names(), robot.reference().tolist(), strict=True)
     described = all(np.isfinite(value) for name, value in named if name.kind not in drives)
+    return described and not unsuited(robot) and without_shapes(robot) is robot
+
+
+def without_shapes(robot: Robot) -> Robot:
+    """Return a robot without the effects whose shapes a fit would find along: what is of drives and poses stays."""
     kinds = [resolve(robot, spec)[0] for spec in robot.effects]
-    shaped = (k for k in kinds if not (k.softens or k.nuisance or k.of_drive or k.turns_gravity or k.moves_zero))
-    return described and not unsuited(robot) and not any(shaped)
+    plain = [k.softens or k.nuisance or k.of_drive or k.turns_gravity or k.moves_zero for k in kinds]
+    kept = tuple(spec for spec, keep in zip(robot.effects, plain, strict=True) if keep)
+    return robot if all(plain) else replace(robot, effects=kept)
 
 
 def seconds(robot: Robot, signals: Signals) -> float:

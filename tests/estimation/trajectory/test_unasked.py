@@ -150,7 +150,7 @@ def test_a_motion_that_predicts_torque_far_worse_is_not_told(
     robot, recording, _ = made
     monkeypatch.setattr(unasked, "FARTHER", 1e-3)
     assert found_of(robot, recording).estimator == "trajectory"  # the motion leaves nothing but noise
-    monkeypatch.setattr(unasked, "is_at_noise", lambda ratios: False)
+    monkeypatch.setattr(unasked, "is_at_noise", lambda ratios, fit: False)
     found = found_of(robot, recording)
     assert found.estimator == "default"
     assert any("times as badly" in note for note in found.notes)
