@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,9 +40,6 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
-
-if TYPE_CHECKING:
-    from elid_cli.estimation.streaming.reduced_log import ReducedLog
 
 __all__ = [
     "DefaultFit",
@@ -119,7 +116,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         return identify_paper(robot, signals, options)
     signals = as_told(robot, signals)
     found = _identify(robot, signals, options)
-    return found if signals.recording is None else noted(found, smooth=signals.recording.smooth)
+    return found if signals.recording is None else noted(found, signals.recording)
 
 
 def _identify(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:
@@ -214,14 +211,16 @@ def identify_logs(
         request = replace(request, robot=robot_as_logged(request.robot, request.logs, request.mapping))
     if _merges(request, options):
         from elid_cli.estimation.motor_side.several import motor_side_of_logs
+        from elid_cli.estimation.streaming.alike import told_alike
         from elid_cli.estimation.streaming.fleet import reduced_logs
         from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording
         from elid_cli.estimation.trajectory.several import by_motion, moved_unasked
 
-        request, logs = _told_alike(request, reduced_logs(request))
+        request, logs, said = told_alike(request, reduced_logs(request))
         moving = all(log.facts.computed.all() for log in logs) and moved_unasked(request.robot, logs, options)
         asked = replace(options, fit="torque") if moving else options
         found, apart = identify_reduced(request.robot, logs, asked)  # refuses logs that do not belong together
+        found = replace(found, notes=(*found.notes, *said))
         computed = np.all([log.facts.computed & ~log.facts.still for log in logs], axis=0)
         if moving:
             answer, recording, apart, signals = by_motion(request, found, apart, delays=options.delays)
@@ -249,22 +248,6 @@ def identify_logs(
     found = identify(request.robot, signals, options)
     apart = errors_by_log(identified_robot(found), signals, recording.files)
     return Identified(found, recording, apart, signals)
-
-
-def _told_alike(request: LogRequest, logs: list[ReducedLog]) -> tuple[LogRequest, list[ReducedLog]]:
-    """Return logs with commands as most of them have these, and the request that asks for that.
-
-    Triangle files stay as they are: what is merged refuses them where they differ.
-    """
-    smooth = [log.recording.smooth for log in logs if log.facts.computed.all()]
-    if not any(smooth) or any(log.origin for log in logs):
-        return request, logs
-    from elid_cli.estimation.streaming.fleet import reduced_logs
-
-    most: Literal["held", "smooth"] = "smooth" if 2 * sum(map(bool, smooth)) > len(smooth) else "held"
-    request = replace(request, signals=replace(request.signals, commands=most))
-    again = None if all(smooth) else replace(request, on_read=None)
-    return request, logs if again is None else reduced_logs(again)
 
 
 def _merges(request: LogRequest, options: EstimateOptions) -> bool:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 from elid_cli._types import Progress
+from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording
@@ -32,3 +33,11 @@ class LogRequest:
     on_read: Callable[[Sequence[Recording], Sequence[Recording]], None] | None = None
     """Told what was read, and all logs with those of triangle files, before anything is estimated."""
     progress: Progress | None = None
+
+    def told_as(self, recording: Recording) -> LogRequest:
+        """Return a request for the same logs that takes commands as they were taken in what was read of it."""
+        decided: Literal["held", "smooth"] = "smooth" if recording.smooth else "held"
+        signals = self.signals if recording.smooth is None else replace(self.signals, commands=decided)
+        rates = recording.sources.get("dq_des") == RATE
+        mapping = {**(self.mapping or {}), "dq_des": {"from": RATE}} if rates else self.mapping
+        return replace(self, signals=signals, mapping=mapping)

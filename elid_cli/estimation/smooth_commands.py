@@ -7,13 +7,15 @@ the motion seems ahead of its commands, and inertia and friction make up for sta
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from elid_cli.errors import DataError, LogError
-from elid_cli.estimation.commanded_rates import with_rates
+from elid_cli.estimation.commanded_rates import rated, with_rates
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.trajectory.nearer import nearer_by_motion
+from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque
@@ -43,8 +45,9 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
 
     Where least squares with held commands leave a doubt, the motion is simulated under both, and what is clearly nearer
     counts: where stairs of a sample would show, drives would be ahead of their commands, or viscous friction is
-    negative, which half a sample makes of it where delays are not clear. Where the motion does not say, commands are
-    smooth if drives would be ahead of held ones and are not of smooth ones. Other logs are returned as they are.
+    negative, which half a sample makes of it where delays are not clear. Where neither is, and where no motion can be
+    simulated, commands are smooth if drives would be ahead of held ones and are not of smooth ones. Other logs are
+    returned as they are.
     """
     signals = with_rates(robot, signals)
     recording = signals.recording
@@ -58,10 +61,28 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
         return held
 
 
-def recorded_as_told(robot: Robot, recording: Recording) -> Recording:
-    """Return a recording with commands as the drives were told them, see `as_told`."""
+def recorded_as_told(
+    robot: Robot, recording: Recording, how: Literal["held", "smooth"] | None = None, like: Recording | None = None
+) -> Recording:
+    """Return a recording with commands as the drives were told them, see `as_told`.
+
+    Parameters
+    ----------
+    robot, recording
+        The log and the robot that made it.
+    how
+        What the user says of commands between samples.
+    like
+        The same log of which all was decided; None: it is decided here.
+    """
+    if how is not None:
+        recording = replace(recording, smooth=how == "smooth")
     if not recording.commanded.all() or (recording.smooth is not None and "dq_des" in recording.commands):
         return recording
+    if like is not None:
+        same = replace(recording, smooth=like.smooth)
+        decided = like.sources.get("dq_des") == RATE and "dq_des" not in same.commands
+        return rated(robot, same) if decided else same
     try:
         return as_told(robot, prepare(recording, robot)).recording or recording
     except (DataError, LogError):  # no joint moves, or too short
@@ -76,11 +97,15 @@ def as_smooth(signals: Signals) -> Signals:
     return replace(signals, tau=tau, command_torque=told, recording=recording)
 
 
-def noted(found: Identification, *, smooth: bool | None) -> Identification:
-    """Return a fit, which says so where its log has such commands."""
-    if not smooth or found.settings.get("commands") == SMOOTH:
-        return found
-    return replace(found, notes=(*found.notes, NOTE), settings={**found.settings, "commands": SMOOTH})
+def noted(found: Identification, recording: Recording) -> Identification:
+    """Return a fit, which says so where its log has such commands, or drives that are told rates which it lacks."""
+    settings = dict(found.settings)
+    if recording.smooth:
+        settings["commands"] = SMOOTH
+    if recording.sources.get("dq_des") == RATE:
+        settings["dq_des"] = RATE
+    new = recording.smooth and found.settings.get("commands") != SMOOTH
+    return replace(found, notes=(*found.notes, NOTE) if new else found.notes, settings=settings)
 
 
 def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
@@ -89,11 +114,15 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
     named = zip(robot.parameter_names(), before.standard.tolist(), strict=True)
     driving = any(name.kind == "fv" and value < 0 for name, value in named)
     doubted = ahead or driving or _stairs(held, before) > STAIRS
-    nearer = nearer_by_motion(robot, held, smooth) if doubted else 0.0
-    if nearer or not ahead:
-        return nearer > 0
+    if not doubted:
+        return False
+    nearer = nearer_by_motion(robot, held, smooth)
+    if nearer is not None:
+        if nearer.by or not nearer.at_noise:
+            return nearer.by > 0
+        return nearer.delays[0] < -AHEAD * held.dt and nearer.delays[1] > -EARLIEST * held.dt
     after = _least_squares(robot, smooth)
-    return _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)
+    return ahead and _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)
 
 
 def _least_squares(robot: Robot, signals: Signals) -> Identification:

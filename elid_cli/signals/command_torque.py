@@ -93,12 +93,22 @@ def held_mean(command: Array, segments: Sequence[tuple[int, int]]) -> Array:
 
 
 def rates_of(command: Array, segments: Sequence[tuple[int, int]], dt: float) -> Array:
-    """Return the rates of commanded positions, (N, n), by central differences."""
+    """Return the rates of commanded positions, (N, n)."""
     found = np.zeros_like(command)
     for start, stop in segments:
-        if stop - start > 1:
-            found[start:stop] = np.gradient(command[start:stop], dt, axis=0)
+        found[start:stop] = rate_of(command[start:stop], dt)
     return found
+
+
+def rate_of(values: Array, dt: float) -> Array:
+    """Return the rate of samples (N, k) by central differences of fourth order.
+
+    Those of second order are too small by (ω dt)² / 6: at 250 Hz and 2 Hz of motion kd times 0.04 % of friction.
+    """
+    rate: Array = np.gradient(values, dt, axis=0) if len(values) > 1 else np.zeros_like(values)
+    if len(values) > 4:
+        rate[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12.0 * dt)
+    return rate
 
 
 def smoothed_stairs(mean: Array, segments: Sequence[tuple[int, int]]) -> Array:

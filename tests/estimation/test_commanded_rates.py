@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 
 from elid_cli.cli import main
+from elid_cli.estimation import commanded_rates
+from elid_cli.estimation.commanded_rates import NONE, TOLD, UNSURE, rated
+from elid_cli.estimation.smooth_commands import as_told
+from elid_cli.estimation.trajectory.nearer import Nearer
+from elid_cli.logs.checks.commanded import UNTOLD
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion import plant
 
 TRUTH = {"Ja": plant.ARMATURE, "fs": plant.COULOMB, "fv": plant.VISCOUS}
@@ -23,9 +29,9 @@ def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return replace(bare, joints=tuple(replace(joint, transmission="rigid") for joint in bare.joints))
 
 
-def written(folder: Path, name: str, *, rates: bool) -> str:
+def written(folder: Path, name: str, *, rates: bool, seed: int = 3, push: plant.Extra | None = None) -> str:
     """Write a log of drives that are told rates or none, without these."""
-    log = plant.moved(3, 12.0, rates=rates)
+    log = plant.moved(seed, 12.0, push=push, rates=rates)
     commands = {name: values for name, values in log.commands.items() if name != "dq_des"}
     return plant.written(folder, name, replace(log, tau=np.full_like(log.tau, np.nan), dq=None, commands=commands))
 
@@ -43,7 +49,10 @@ def test_what_drives_are_told_is_what_the_motion_shows(
     assert main(["identify", log, "--robot", robot, "--json", "--write-robot", out]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["log"]["sources"].get("dq_des") == "rate") == rates
-    assert any("no dq_des is logged" in note for note in told["log"]["notes"])
+    (note,) = (note for note in told["log"]["notes"] if "no dq_des is logged" in note)
+    assert note == (TOLD if rates else NONE)
+    assert told["settings"].get("dq_des") == ("rate" if rates else None)
+    assert any(("kd (dq_des - dq)" if rates else "- kd dq") in note for note in told["log"]["notes"])
     for kind, values in TRUTH.items():
         for name, value in zip(pendulums.joint_names, values, strict=True):
             own = told["settings"]["trajectory"]["joint_parameters"][name][kind]
@@ -61,6 +70,65 @@ def test_what_drives_are_told_is_what_the_motion_shows(
     said = ["--map", "dq_des=rate"] if rates else []
     assert main(["identify", log, "--robot", robot, "--write-robot", out, *said]) == 0
     assert (" --map dq_des=rate" in capsys.readouterr().out.splitlines()[-1]) == rates
+
+
+def test_several_logs_and_two_robots_have_the_rate(
+    pendulums: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [written(tmp_path, f"{seed}.h5", rates=True, seed=seed) for seed in (3, 4)]
+    robot, out = str(tmp_path / "arm.yaml"), str(tmp_path / "found.yaml")
+    write_robot(pendulums, robot)
+    assert main(["identify", *logs, "--robot", robot, "--json", "--write-robot", out]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["log"]["sources"]["dq_des"] == "rate"
+    for name, value in zip(pendulums.joint_names, plant.VISCOUS, strict=True):
+        own = told["settings"]["trajectory"]["joint_parameters"][name]["fv"]
+        assert abs(own["estimate"] - value) < 5e-3 * value  # the drives' own differences are coarser
+
+    for how in ([], ["--commands", "held"]):
+        assert main(["replay", *logs, "--robot", out, "--against", out, "--json", *how]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["before"] == told["after"]
+        assert told["after"]["mean_abs"] < 1.5e-4
+
+
+def test_a_limit_cuts_the_torque_with_the_rate(pendulums: Robot, tmp_path: Path) -> None:
+    from elid_cli.logs import read_recording
+
+    joints = (replace(joint, limits=replace(joint.limits, torque=0.5)) for joint in pendulums.joints)
+    limited = replace(pendulums, joints=tuple(joints))
+    log = [written(tmp_path, "cut.h5", rates=True)]
+    asked = read_recording(log, limited, {"dq_des": {"from": "rate"}})
+    found = rated(limited, read_recording(log, limited))
+    assert np.array_equal(found.tau, asked.tau)
+    assert np.mean(np.abs(found.tau) == 0.5) > 0.05
+
+
+@pytest.mark.parametrize(("by", "at_noise", "note"), [
+    (1.0, False, UNSURE), (1.0, True, TOLD), (9.0, False, TOLD), (-1.0, False, NONE), (0.0, True, UNTOLD),
+])  # fmt: skip
+def test_a_note_says_what_is_taken(
+    pendulums: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, by: float, at_noise: bool, note: str
+) -> None:
+    from elid_cli.logs import read_recording
+
+    monkeypatch.setattr(commanded_rates, "nearer_by_motion", lambda *logs: Nearer(by, at_noise, (0.0, 0.0)))
+    read = read_recording([written(tmp_path, "bare.h5", rates=False)], pendulums)
+    told = commanded_rates.with_rates(pendulums, prepare(read, pendulums)).recording
+    assert told is not None
+    assert [line for line in told.notes if "no dq_des" in line] == [note]
+    assert (told.sources.get("dq_des") == "rate") == (note == TOLD)
+
+
+def test_what_else_is_missing_is_not_the_rate(pendulums: Robot, tmp_path: Path) -> None:
+    from elid_cli.logs import read_recording
+
+    log = written(tmp_path, "sprung.h5", rates=False, push=lambda q, dq, bodies: 2.0 * q)
+    told = as_told(pendulums, prepare(read_recording([log], pendulums), pendulums)).recording
+    assert told is not None
+    assert "dq_des" not in told.sources
+    assert not told.commands["dq_des"].any()
+    assert TOLD not in told.notes
 
 
 def test_the_rate_is_taken_where_the_user_says_so(

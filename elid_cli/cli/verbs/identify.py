@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
@@ -88,9 +88,7 @@ def identify(
 
             built = make_physical(found)
             refined = replace(refined, joints=built.refined_robot().joints)
-        told: Literal["held", "smooth"] = "smooth" if recording.smooth else "held"
-        alike = request.signals if recording.smooth is None else replace(request.signals, commands=told)
-        again = replace(request, on_read=None, progress=None, signals=alike)
+        again = replace(request.told_as(recording), on_read=None, progress=None)
 
         def without_effects(plain: Robot, late: bool) -> Identification:
             moving = found.estimator == "trajectory"

@@ -103,13 +103,12 @@ def replay(
             machines[0] = with_actuators(machines[0], how.actuators)
         found: list[list[Replay]] = [[] for _ in machines]
         for log in logs:
-            told = how.commands
+            like = None  # what was decided for the first robot counts for all
             for machine, replays in zip(machines, found, strict=True):
                 recording = load_recording((log,), machine, reading, output, None, advance, label=log)
-                recording = recording if told else recorded_as_told(machine, recording)
-                way = ReplayOptions(how.horizon, how.engine, _as_it_stands(machine), told)
+                like = recording = recorded_as_told(machine, recording, how.commands, like)
+                way = ReplayOptions(how.horizon, how.engine, _as_it_stands(machine), how.commands)
                 replays.append(simulate(machine, recording, way))
-                told = replays[-1].commands  # the same for all robots
         report = replay_report(found[0], found[1] if how.against else (), (robot, how.against or ""))
         report = illustrated(
             report, output, lambda build: build.replay_figures(found[0][0], found[1][0] if how.against else None)

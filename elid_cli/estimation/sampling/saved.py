@@ -41,10 +41,8 @@ class SavedDistribution:
     """Whether what the model lacks can move it, (b,)."""
     channels: tuple[str, ...] = ()
     """Offsets and delays of drives that a fit of simulated motion found beside: ``torque_offset hip``."""
-    lacking: tuple[str, ...] = ()
-    """Effects that a diagnosis found the robot to lack: ``payload``, ``stribeck of hip``."""
-    fingerprint: str = ""
-    """Of the robot as it was described."""
+    lacking: tuple[tuple[str, str | None], ...] = ()
+    """Effects that a diagnosis found the robot to lack, each with its joint; None: of the whole robot."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -109,7 +107,6 @@ def distribution_of(data: Mapping[str, Any], path: str) -> SavedDistribution:
         biased=np.array([e.get("bias_possible") is True for e in entries]),
         channels=_channels(data),
         lacking=_lacking(data),
-        fingerprint=str(data.get("robot_fingerprint", "")),
     )
     if len(set(found.names)) < len(found.names):
         raise UsageError(f"{path}: names a base parameter twice", hint=AGAIN)
@@ -126,12 +123,12 @@ def _channels(data: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(f"{n.get('effect')} {n.get('joint')}" for n in found if isinstance(n, Mapping))
 
 
-def _lacking(data: Mapping[str, Any]) -> tuple[str, ...]:
+def _lacking(data: Mapping[str, Any]) -> tuple[tuple[str, str | None], ...]:
     found = data.get("effects")
     if data.get("command") != "diagnose" or not isinstance(found, list):
         return ()
-    named = [(str(e.get("effect")), e.get("joint")) for e in found if isinstance(e, Mapping)]
-    return tuple(dict.fromkeys(effect if joint is None else f"{effect} of {joint}" for effect, joint in named))
+    named = ((str(e.get("effect")), e.get("joint")) for e in found if isinstance(e, Mapping))
+    return tuple(dict.fromkeys((effect, None if joint is None else str(joint)) for effect, joint in named))
 
 
 def _well_formed(entry: Any) -> bool:

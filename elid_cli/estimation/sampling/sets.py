@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -15,8 +15,8 @@ from elid_cli.estimation.sampling.draw import draw_sets
 from elid_cli.estimation.sampling.pool import Distribution, Origin, pooled
 from elid_cli.estimation.sampling.saved import SavedDistribution, as_distribution
 from elid_cli.estimation.sampling.whole import as_identified, other_combinations, whole_sets
+from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
-from elid_cli.robot.text import fingerprint
 from elid_cli.robot.urdf.write import with_parameters
 from elid_cli.tables import Shown
 
@@ -25,6 +25,8 @@ LOW, HIGH = 2.5, 97.5
 ROUNDING = 1e-12
 """Relative difference of values that are the same."""
 FRICTION = ("fs", "fv")
+IN_THE_ROBOT = {effect_that(local=True, whole_robot=True).name, effect_that(of_drive="limit").name}
+"""Effects that are written into bodies and limits of a robot file, which declares none of them."""
 SAME_FILE = 1e-9
 """Relative difference of values that one file holds."""
 LISTED = 8
@@ -108,20 +110,22 @@ def sample(
 
 
 def _check_complete(results: Sequence[SavedDistribution], robot: Robot) -> None:
-    """Refuse a robot as it was before a diagnosis found what it lacks (UsageError): no set of it moves as measured."""
-    rigid = [replace(j, transmission="rigid") if j.transmission == "auto" else j for j in robot.joints]
-    models = {fingerprint(robot), fingerprint(replace(robot, joints=tuple(rigid)))}
+    """Refuse a robot without what a diagnosis found (UsageError): no set of it moves as measured."""
+    declared = {(spec.effect, spec.joint) for spec in robot.effects}
     for result in results:
-        if result.lacking and result.fingerprint in models and _has_friction_of(robot, result):
+        same = _has_friction_of(robot, result)
+        lacking = [one for one in result.lacking if one not in declared and (same or one[0] not in IN_THE_ROBOT)]
+        if lacking:
+            names = [effect if joint is None else f"{effect} of {joint}" for effect, joint in lacking]
             raise UsageError(
-                f"{robot.name}: lacks what {result.file} found: {first_of(list(result.lacking), LISTED)}",
+                f"{robot.name}: lacks what {result.file} found: {first_of(names, LISTED)}",
                 detail="sets of it would have the values that were found beside that, without it",
                 hint="give the robot that elid diagnose --write-robot FILE.yaml writes",
             )
 
 
 def _has_friction_of(robot: Robot, result: SavedDistribution) -> bool:
-    """Whether a robot has the friction of the file that a result was made with; its bodies may have a load since."""
+    """Whether a robot has the friction of the file that a result was made with: its bodies and limits are as before."""
     own = {str(name): value for name, value in zip(robot.parameter_names(), robot.reference().tolist(), strict=True)
            if name.kind in FRICTION}  # fmt: skip
     pairs = [(own[next(iter(terms))], value) for terms, value in zip(result.terms, result.reference, strict=True)

@@ -74,7 +74,7 @@ def identify_reduced(
         from elid_cli.estimation.trajectory.unasked import pointed_out
 
         found = pointed_out(found)
-    found = noted(found, smooth=logs[0].recording.smooth)
+    found = noted(found, logs[0].recording)
     return found, _by_log(model, logs, fit)
 
 

@@ -27,6 +27,7 @@ from elid_cli.estimation.streaming.reduced_log import ReducedLog, hollow
 from elid_cli.estimation.streaming.scores import LogScores
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.sufficiency import judge_model
+from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
@@ -86,6 +87,7 @@ def reduce_log(
     progress
         Told the share of the log that is done.
     """
+    rates = recording.sources.get("dq_des")
     _, model, base, reference = _model_of(robot, signals)
     signals, shown = at_best_cutoff(model, base, signals, EstimateOptions())
     judgement = None if shown is None else judge_model(shown)
@@ -121,7 +123,7 @@ def reduce_log(
         fit_data(base, data, EstimateOptions())
     return ReducedLog(
         fingerprint(robot),
-        {**options, "commands": "smooth" if recording.smooth else None},
+        {**options, "commands": "smooth" if recording.smooth else None, "dq_des": rates if rates == RATE else None},
         hollow(recording),
         facts,
         layout,

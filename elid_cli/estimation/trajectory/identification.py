@@ -60,7 +60,9 @@ GAINS = {"q_des", "kp", "kd"}
 NOISE = 1.5
 """Times the encoders' noise up to which simulated positions are off by that noise alone …"""
 LESS = 0.7
-"""… and below which they are too small for that noise."""
+"""… below which they are too small for that noise …"""
+STILL = 0.01
+"""… and below which the joint rests at one count of its encoder."""
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
@@ -143,9 +145,10 @@ def is_at_noise(ratios: Mapping[Any, float], fit: TrajectoryFit | None = None) -
     An error that is clearly less says that the noise was taken for larger than it is. Then that of the `fit` must have
     no memory, where it is at hand.
     """
-    if not ratios or max(ratios.values()) >= NOISE:
+    moving = [ratio for ratio in ratios.values() if ratio > STILL]
+    if not moving or max(moving) >= NOISE:
         return False
-    return fit is None or min(ratios.values()) > LESS or not has_memory(fit.equations)
+    return fit is None or min(moving) > LESS or not has_memory(fit.equations)
 
 
 def unsuited(robot: Robot) -> str:

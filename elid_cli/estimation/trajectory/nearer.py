@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elid_cli.errors import DataError, LogError, RobotError
+from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
+from elid_cli.estimation.trajectory.memory import has_memory
+from elid_cli.model.effects.of_drives import as_acting
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
@@ -15,52 +18,63 @@ CLEARLY = 10.0
 """Logarithm of the likelihood, of errors without a memory, by which one of the two is clearly nearer …"""
 LEAST = 0.01
 """… and of the error's size, summed over joints, by which it must be at least …"""
-REMEMBERED = 0.1
-"""… or where the errors have a memory."""
+REMEMBERED = 0.2
+"""… or per joint, where the errors have a memory: what the model lacks is nearer with one of the two as well."""
 LONGEST = 4.0
 """Seconds that each of the two fits may take, about."""
 SHORTEST = 100
 """Samples of a stretch that is looked at."""
 
 
-def nearer_by_motion(robot: Robot, one: Signals, other: Signals) -> float:
-    """Return by how much the motion is nearer with the commands of another version of a log; negative: of the one.
+@dataclass(frozen=True)
+class Nearer:
+    """What simulated motions say of two versions of a log's commands."""
 
-    That is the sum over the joints of the logarithm by which the error's size falls; 0 where the motion does not
-    clearly say, or cannot be simulated. Declared effects of another shape are left out, and of a long log its middle
-    is looked at.
+    by: float
+    """Sum over the joints of the logarithm by which the error's size falls with the other version; negative where the
+    one is nearer, 0 where neither is clearly."""
+    at_noise: bool
+    """Whether the nearer of them leaves about the encoders' noise at every joint."""
+    delays: tuple[float, float]
+    """By how much the motion is late against the commands of each, the mean over recordings, s."""
+
+
+def nearer_by_motion(robot: Robot, one: Signals, other: Signals) -> Nearer | None:
+    """Return which version of a log the motion is nearer to; None where it cannot be simulated.
+
+    Declared effects of another shape are left out, and of a long log its middle is looked at.
     """
-    from elid_cli.estimation.trajectory.decided import fit_trajectory
-    from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, started_from
-    from elid_cli.estimation.trajectory.memory import has_memory
     from elid_cli.estimation.trajectory.unasked import is_known, seconds, without_shapes
-    from elid_cli.model.effects.of_drives import as_acting
     from elid_cli.model.effects.posed import posed
 
     robot = without_shapes(robot)
     if not is_known(robot):
-        return 0.0
+        return None
     part = min(1.0, LONGEST / seconds(robot, one))
-    standing, sizes, alone, count = posed(robot), [], False, 0
-    for log in (one, other):
-        assert log.recording is not None
-        try:
-            acting = as_acting(robot, log)
-            runs = commanded_runs(_middle(log.recording, part), standing)
-            fit = fit_trajectory(
-                standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]), soft=False
-            )
-        except (DataError, LogError, RobotError):
-            sizes.append(np.inf)
-            continue
-        sizes.append(float(np.log(fit.equations.size).sum()))
-        alone = alone or not has_memory(fit.equations)
-        count = sum(int(item.counts.sum()) for item in fit.tracked)
-    if not np.isfinite(sizes).any():
-        return 0.0
-    nearer = sizes[0] - sizes[1]
-    least = max(LEAST, CLEARLY / max(count, 1)) if alone else REMEMBERED
-    return nearer if abs(nearer) > least else 0.0
+    try:
+        fits = [_fit(robot, posed(robot), log, part) for log in (one, other)]
+    except (DataError, LogError, RobotError):
+        return None
+    by = float(np.log(fits[0].equations.size / fits[1].equations.size).sum())
+    count = max(sum(int(item.counts.sum()) for item in fits[0].tracked), 1)
+    alone = not all(has_memory(fit.equations) for fit in fits)
+    least = max(LEAST, CLEARLY / count) if alone else REMEMBERED * robot.n
+    near, log = (fits[1], other) if by > 0 else (fits[0], one)
+    left = bool((near.above_noise(log) < ABOVE).all())
+    first, second = (float(fit.delays.mean()) for fit in fits)
+    return Nearer(by if abs(by) > least else 0.0, left, (first, second))
+
+
+def _fit(robot: Robot, standing: Robot, log: Signals, part: float) -> TrajectoryFit:
+    from elid_cli.estimation.trajectory.decided import fit_trajectory
+    from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, started_from
+
+    assert log.recording is not None
+    acting = as_acting(robot, log)
+    runs = commanded_runs(_middle(log.recording, part), standing)
+    return fit_trajectory(
+        standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]), soft=False
+    )
 
 
 def _middle(recording: Recording, part: float) -> Recording:

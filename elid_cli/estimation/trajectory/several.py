@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.estimation.smooth_commands import as_told
 from elid_cli.estimation.streaming.reduced_log import ReducedLog
 from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
 from elid_cli.robot.robot import Robot
@@ -43,7 +44,9 @@ def by_motion(
     from elid_cli.estimation.trajectory.unasked import or_by_motion
 
     recording, signals = read_signals(replace(request, on_read=None, progress=None))
-    answer = or_by_motion(found, signals, delays=delays)  # commands are as the request says
+    signals = as_told(request.robot, signals)
+    recording = signals.recording or recording
+    answer = or_by_motion(found, signals, delays=delays)
     if answer.estimator == "trajectory":
         apart = errors_by_log(identified_robot(answer), signals, recording.files)
     return answer, recording, apart, signals

@@ -66,7 +66,8 @@ def softened(
     TrajectoryFit
         With `held`, the fit before, where friction fades in. Its effects stand after those that the robot declares.
     """
-    shapes = shapes or _asked(hard, columns if columns is not None else columns_of(hard))
+    if shapes is None:
+        shapes = _asked(hard, columns if columns is not None else columns_of(hard))
     if not shapes:
         return hard
     kind, own, place = effect_that(softens=True), hard.unknowns, hard.unknowns.held

@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.logs.mapping.language import COMMANDS, GAINS
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.command_torque import held_mean
+from elid_cli.signals.command_torque import held_mean, rate_of
 
+UNTOLD = (
+    "no dq_des is logged: the drives are taken to be told none, which nothing shows (--map dq_des=rate: the rate of "
+    "q_des, as of small servos)"
+)
 DIFFERENT = 0.01
 """Relative difference of a gain in log and robot file that is worth a word."""
 
@@ -93,7 +97,7 @@ def commanded_torque(
     if slow.any():
         dq = dq.copy()
         for start, stop in segments:
-            dq[start:stop, slow] = _rate(q[start:stop, slow], dt)
+            dq[start:stop, slow] = rate_of(q[start:stop, slow], dt)
         notes.append("no velocity is logged: differences of the positions are used for the drives")
     tau = gains["kp"] * (told["q_des"] - q) + gains["kd"] * (_known(told.get("dq_des"), q) - dq)
     tau += _known(told.get("tau_ff"), q)
@@ -120,17 +124,6 @@ def at_motors(signals: Mapping[str, Array], robot: Robot) -> NDArray[np.bool_]:
     logged = np.isfinite(theta).any(axis=0) & np.isfinite(q).any(axis=0)
     differ = [not np.array_equal(theta[:, j], q[:, j], equal_nan=True) for j in range(robot.n)]
     return np.asarray(logged & np.array(differ) & np.array([j.transmission != "rigid" for j in robot.joints]))
-
-
-def _rate(values: Array, dt: float) -> Array:
-    """Return the rate of samples (N, k) by central differences of fourth order.
-
-    Those of second order are too small by (ω dt)² / 6: at 250 Hz and 2 Hz of motion kd times 0.04 % of friction.
-    """
-    rate = np.gradient(values, dt, axis=0) if len(values) > 1 else np.zeros_like(values)
-    if len(values) > 4:
-        rate[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12.0 * dt)
-    return rate
 
 
 def _first(signals: Mapping[str, Array], one: str, other: str) -> Array:

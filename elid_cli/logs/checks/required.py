@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, in_words
-from elid_cli.logs.checks.commanded import at_motors, commanded_torque, gains_of
+from elid_cli.logs.checks.commanded import UNTOLD, at_motors, commanded_torque, gains_of
 from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
@@ -23,10 +23,6 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import rates_of
 from elid_cli.signals.recording import LINK_SENSORS
 
-UNTOLD = (
-    "no dq_des is logged: the drives are taken to be told none, unless the motion shows that they are told the rate of "
-    "q_des (--map dq_des=rate: that rate; a column of zeros: none)"
-)
 NOTHING = 1e-30
 """An effort or velocity, in SI units, that is none: its square may not even be a number."""
 ZERO_IS_ABSENT = ("tau", "tau_link", "dq", "dtheta")

@@ -22,8 +22,7 @@ def read_map_options(options: Sequence[str]) -> dict[str, Any]:
     """
     merged: dict[str, Any] = {}
     for option in options:
-        plain = re.fullmatch(r"(\w+):\s+([^\s{\[].*)", option)  # as in a file
-        signal, equals, place = (plain[1], "=", plain[2]) if plain else option.partition("=")
+        signal, equals, place = option.partition("=")
         line = _line_of(option)
         if line is not None:
             merged.update(line)
@@ -44,14 +43,17 @@ def _line_of(option: str) -> dict[str, Any] | None:
     from elid_cli.robot.yaml import parse_yaml
 
     spelt = re.sub(r"^(\w+)=(?=\{\s*(from|field)\s*:)", r"\1: ", option)
-    if not re.match(r"\w+:\s*[\[{]", spelt):
+    named = re.match(r"(\w+):\s", spelt)
+    if not re.match(r"\w+:\s*[\[{]", spelt) and not (named and named[1] in (*SIGNALS, "t")):
         return None
     try:
         raw = parse_yaml(spelt, "--map", UsageError).plain()
     except UsageError as error:
         error.hint = error.hint or "quote patterns: --map 'tau: {from: \"tau.{joint}\"}'"
         raise
-    return dict(raw) if isinstance(raw, Mapping) else None
+    if not isinstance(raw, Mapping):
+        return None
+    return {signal: {"from": place} if isinstance(place, str) else place for signal, place in raw.items()}
 
 
 def _read_map_file(name: str) -> dict[str, Any]:

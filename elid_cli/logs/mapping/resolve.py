@@ -147,7 +147,7 @@ def place(
     """Return where a signal is, or why its mapping does not fit the log; `near`: with the nearest name, which costs."""
     if spec.value is not None:
         return Placement(spec, (), (), "given")
-    if (spec.signal, spec.source) in ((("tau", COMPUTED)), ("dq_des", RATE)) and spec.source not in by_source:
+    if (spec.signal, spec.source) in (("tau", COMPUTED), ("dq_des", RATE)) and spec.source not in by_source:
         return Placement(spec, (), (), str(spec.source))
     if isinstance(spec.source, tuple) or any(mark in spec.source + spec.field for mark in PATTERNS):
         return _place_each(spec, by_source, robot, time, near=near)

@@ -145,7 +145,10 @@ def _by_log(robot: Robot, replays: Sequence[Replay], against: Sequence[Replay]) 
 def _facts(replays: Sequence[Replay]) -> tuple[tuple[str, Cell], ...]:
     first = replays[0]
     seconds = sum(item.recording.duration for item in replays)
-    between = "smooth between its samples" if first.commands == "smooth" else "held for its sample"
+    ways = {item.commands for item in replays}
+    between = "in some logs held for their sample, in others smooth between samples"
+    if len(ways) == 1:
+        between = "smooth between its samples" if "smooth" in ways else "held for its sample"
     drive = f"what the log commanded, {between}" if first.driven_by == "commands" else "the log's torque"
     restart = "the first pose of every stretch" if first.horizon is None else (
         f"the measured state, every {number_text(first.horizon)} s")  # fmt: skip

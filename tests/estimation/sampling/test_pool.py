@@ -12,7 +12,7 @@ from elid_cli.estimation.sampling.pool import pooled
 from elid_cli.estimation.sampling.saved import SavedDistribution, distribution_of
 from elid_cli.estimation.sampling.sets import sample
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.text import fingerprint
+from elid_cli.robot.robot import EffectSpec
 
 NAMES = ("Ja1", "cy1", "fs1 + Izz1")
 TERMS = ({"Ja1": 1.0}, {"cy1": 1.0}, {"fs1": 1.0, "Izz1": 2.0})
@@ -53,24 +53,23 @@ def test_offsets_of_drives_are_said_not_to_be_drawn() -> None:
 def test_a_robot_that_lacks_what_a_diagnosis_found_is_refused() -> None:
     robot = read_robot("planar2")
     file = dict(zip(map(str, robot.parameter_names()), robot.reference().tolist(), strict=True))["fv1"]
-    rigid = tuple(replace(joint, transmission="rigid") for joint in robot.joints)
-    for seen in (robot, replace(robot, joints=rigid)):
-        data = {
-            "command": "diagnose", "robot": robot.name, "joints": list(robot.joint_names),
-            "robot_fingerprint": fingerprint(seen), "covariance": [[1e-4]],
-            "effects": [{"effect": "stribeck", "joint": "joint2"}, {"effect": "payload", "joint": None}],
-            "base_parameters": [{"name": "fv1", "terms": {"fv1": 1.0}, "estimate": 0.3, "reference": file}],
-        }  # fmt: skip
-        found = distribution_of(data, "d.json")
-        assert found.lacking == ("stribeck of joint2", "payload")
-        assert len(sample([found], 2).values) == 2  # alone it is a table
-        auto = tuple(replace(joint, transmission="auto") for joint in robot.joints)
-        before = robot if seen is robot else replace(robot, joints=auto)
-        with pytest.raises(UsageError, match=r"lacks what d\.json found: stribeck of joint2, payload"):
-            sample([found], 2, before)
-        # one with other values, as a diagnosis writes it
-        parts = [replace(j, parameters={**j.parameters, "fv": 0.3}) for j in before.joints]
-        assert len(sample([found], 2, replace(before, joints=tuple(parts))).values) == 2
+    data = {
+        "command": "diagnose", "robot": robot.name, "joints": list(robot.joint_names), "covariance": [[1e-4]],
+        "effects": [{"effect": "stribeck", "joint": "joint2"}, {"effect": "payload", "joint": None}],
+        "base_parameters": [{"name": "fv1", "terms": {"fv1": 1.0}, "estimate": 0.3, "reference": file}],
+    }  # fmt: skip
+    found = distribution_of(data, "d.json")
+    assert found.lacking == (("stribeck", "joint2"), ("payload", None))
+    assert len(sample([found], 2).values) == 2  # alone it is a table
+    with pytest.raises(UsageError, match=r"lacks what d\.json found: stribeck of joint2, payload"):
+        sample([found], 2, robot)
+    # one that identify writes has other friction, and a load may be in its bodies: still it lacks the effect
+    parts = [replace(j, parameters={**j.parameters, "fv": 0.3}) for j in robot.joints]
+    other = replace(robot, joints=tuple(parts))
+    with pytest.raises(UsageError, match=r"lacks what d\.json found: stribeck of joint2\n"):
+        sample([found], 2, other)
+    friction = EffectSpec("stribeck", "joint2", {"amplitude": 0.1, "velocity": 0.1, "exponent": 2.0})
+    assert len(sample([found], 2, replace(other, effects=(friction,))).values) == 2
 
 
 def test_one_that_some_results_refuse_is_of_the_others() -> None:
