@@ -268,9 +268,11 @@ def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
 def aware(fit: TrajectoryFit, changes: Sequence[Changed], scaled: NDArray[np.bool_], robot: Robot) -> TrajectoryFit:
     """Return a fit with errors that know those of changes, of joints' gains (n,), and of delays that were not taken.
 
-    Delays that the robot declares of some drives have the values of the motion then, unless some were found.
+    Delays that the robot declares of some drives have the values of the motion then, unless they were not believed, or
+    some were found.
     """
-    known = None if any(change.by.kind.nuisance == "delay" for change in changes) else declared_late(fit, robot)
+    found = any(change.by.kind.nuisance == "delay" for change in changes)
+    known = None if found or not np.any(fit.tracked[0].run.extra) else declared_late(fit, robot)
     if known is not None:
         fit, changes = known.fit, (*changes, known)
     moved = [change.by.moved(fit, change.level, change.values) for change in changes]
