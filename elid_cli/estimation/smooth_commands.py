@@ -45,7 +45,7 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
 
     Where least squares with held commands leave a doubt, the motion is simulated under both, and what is clearly nearer
     counts: where stairs of a sample would show, drives would be ahead of their commands, or viscous friction is
-    negative, which half a sample makes of it where delays are not clear. Where neither is, and where no motion can be
+    negative, which half a sample makes of it where no delay is clear. Where neither is, and where no motion can be
     simulated, commands are smooth if drives would be ahead of held ones and are not of smooth ones. Other logs are
     returned as they are.
     """
@@ -110,9 +110,10 @@ def noted(found: Identification, recording: Recording) -> Identification:
 
 def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
     before = _least_squares(robot, held)
-    ahead = _delay(before) < -AHEAD * held.dt
-    named = zip(robot.parameter_names(), before.standard.tolist(), strict=True)
-    driving = any(name.kind == "fv" and value < 0 for name, value in named)
+    late = _delay(before)
+    ahead = late < -AHEAD * held.dt
+    named = zip(before.robot.parameter_names(), before.standard.tolist(), strict=True)
+    driving = late < 0.5 * held.dt and any(name.kind == "fv" and value < 0 for name, value in named)
     doubted = ahead or driving or _stairs(held, before) > STAIRS
     if not doubted:
         return False
@@ -128,7 +129,8 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
 def _least_squares(robot: Robot, signals: Signals) -> Identification:
     from elid_cli.estimation.identify import identify
 
-    return identify(robot, signals, EstimateOptions(fit="torque", guards=False))
+    # effects, whose shapes take long to fit, change little of what is asked here
+    return identify(replace(robot, effects=()), signals, EstimateOptions(fit="torque", guards=False))
 
 
 def _stairs(held: Signals, found: Identification) -> float:
