@@ -115,8 +115,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
 
         return identify_paper(robot, signals, options)
     signals = as_told(robot, signals)
-    found = _identify(robot, signals, options)
-    return found if signals.recording is None else noted(found, signals.recording)
+    return noted(_identify(robot, signals, options), signals.recording)
 
 
 def _identify(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:

@@ -97,8 +97,10 @@ def as_smooth(signals: Signals) -> Signals:
     return replace(signals, tau=tau, command_torque=told, recording=recording)
 
 
-def noted(found: Identification, recording: Recording) -> Identification:
+def noted(found: Identification, recording: Recording | None) -> Identification:
     """Return a fit, which says so where its log has such commands, or drives that are told rates which it lacks."""
+    if recording is None:
+        return found
     settings = dict(found.settings)
     if recording.smooth:
         settings["commands"] = SMOOTH

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation import smooth_commands
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.refined_robot import identified_robot
+from elid_cli.estimation.trajectory.nearer import Nearer
 from elid_cli.experiment.replay import ReplayOptions, replay
 from elid_cli.report.answers.lacking import motion_words
 from elid_cli.robot.files import read_robot, write_robot
@@ -145,7 +148,25 @@ def test_several_slow_logs_and_reduced_ones_have_smooth_commands(
     assert "commands" not in json.loads(capsys.readouterr().out)["settings"]
 
 
-def test_half_a_sample_in_viscous_friction_is_seen_where_positions_are_coarse(pendulums: Robot) -> None:
+@pytest.mark.parametrize(
+    ("late", "fv", "asked"), [(0.0, -0.1, True), (0.0, 0.1, False), (0.02, -0.1, False), (-0.02, 0.1, True)]
+)
+def test_the_motion_is_asked_where_half_a_sample_may_be_in_viscous_friction(
+    pendulums: Robot, monkeypatch: pytest.MonkeyPatch, late: float, fv: float, asked: bool
+) -> None:
+    names = pendulums.parameter_names()
+    values = np.array([fv if name.kind == "fv" else 1.0 for name in names])
+    found = SimpleNamespace(robot=pendulums, standard=values)
+    monkeypatch.setattr(smooth_commands, "_least_squares", lambda robot, signals: found)
+    monkeypatch.setattr(smooth_commands, "_stairs", lambda held, found: 0.0)
+    monkeypatch.setattr(smooth_commands, "_delay", lambda found: late)
+    monkeypatch.setattr(smooth_commands, "nearer_by_motion", lambda *logs: Nearer(1.0, True, (0.0, 0.0)))
+    told = smooth_commands.as_told(pendulums, prepare(every(4, duration=6.0), pendulums)).recording
+    assert told is not None
+    assert told.smooth is asked
+
+
+def test_commands_are_smooth_where_positions_are_noisy(pendulums: Robot) -> None:
     signals = prepare(every(4, noise=3e-3), pendulums)
     found = identify(pendulums, signals, EstimateOptions(fit="torque", guards=False))
     assert found.settings["commands"] == "smooth"
