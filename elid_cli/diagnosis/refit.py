@@ -157,7 +157,12 @@ def _identified_again(
             held.append(spec)
     # a late encoder is put right as a prediction does it: its first order alone would bend the bodies' torques
     moved = corrected(signals, declared_shifts(replace(described_, effects=tuple(late))))
-    fitted = replace(described_, effects=tuple(held)), moved
+    # with the values of the file, not those of the search: a link's equation would give these back as known inertias,
+    # and what the log does not show stays as identify leaves it
+    joints = tuple(
+        replace(joint, parameters=own.parameters) for joint, own in zip(described_.joints, robot.joints, strict=True)
+    )
+    fitted = replace(described_, joints=joints, effects=tuple(held)), moved
     try:
         found = identify(*fitted, _HOLDING)
     except DataError:  # too few instants at the lower cut-off
@@ -170,11 +175,7 @@ def _identified_again(
         rank_margin=found.rank_margin, noise=found.noise, insufficient=found.insufficient, model=found.model,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
-    # near the values of the file, not those of the search: what the log does not show stays as identify leaves it
-    joints = tuple(
-        replace(joint, parameters=own.parameters) for joint, own in zip(found.robot.joints, robot.joints, strict=True)
-    )
-    written = identified_robot(replace(found, robot=replace(found.robot, joints=joints), parameters=told.parameters))
+    written = identified_robot(replace(found, parameters=told.parameters))
     return _Again(told, replace(written, effects=(*written.effects, *late)), fitted)
 
 

@@ -6,6 +6,10 @@ is computed from the motion and shares neither disturbance: the regression of th
 + constant, is what an instrument is to errors in variables (Janot, Vandanjon, Gautier 2014). It is asked where the
 transmission's torque explains visibly less than the whole deflection, and believed where it agrees with the bounds
 that the two regressions are. Where the robot file knows the inertias, the link's equation goes before it.
+
+The load is the identified bodies', whose inertia stands beside the rotor's in every other row. Where noise of the
+encoders pulls the stiffness towards 0, the rotor takes the link's inertia, and the load and the stiffness by it come
+out too small alike: an error that is added, and from a share of the noise nothing is said.
 """
 
 from __future__ import annotations
@@ -13,10 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.encoder_skew import link_load
+from elid_cli.estimation.facts import deflection_noise
 from elid_cli.estimation.regression.covariance import regression
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.stiffness.link_equation import CLEAR as LOOSE
@@ -29,7 +35,9 @@ from elid_cli.estimation.stiffness.link_equation import (
     two_ways,
 )
 from elid_cli.estimation.stiffness.links import link_stiffness
+from elid_cli.estimation.stiffness.noise import COLLAPSED, deciding_deflection, pull
 from elid_cli.estimation.stretches import QUARTERS, quarter_of
+from elid_cli.robot.parameter import StandardParameter
 
 CLEAR = 0.95
 """Part of the deflection's variance that follows the torque from which one regression is good enough."""
@@ -65,9 +73,32 @@ def stiffness_by_load(state: State, joint: int) -> ByLoad | None:
     compliance, rest = float(fitted.values[0]), target - columns @ fitted.values
     explained = 1.0 - float(np.var(rest) / np.var(target)) if np.var(target) > 0 else 0.0
     deviation = max(float(fitted.spread[0]), _between_quarters(columns, target))
-    if compliance <= 0 or deviation > SURE * compliance or explained < HALF:
+    deviation = float(np.hypot(deviation, compliance * _pulled(state, joint, load, known)))
+    if not np.isfinite(deviation) or compliance <= 0 or deviation > SURE * compliance or explained < HALF:
         return None
     return ByLoad(1.0 / compliance, deviation / compliance**2, explained)
+
+
+def _pulled(state: State, joint: int, load: Array, known: NDArray[np.bool_]) -> float:
+    """Return by what part of itself noise in the deflection pulls the load's size, a standard deviation.
+
+    Infinite where the noise is so large a part that the motor row has lost the stiffness.
+    """
+    log, solution, covariance = state.log, state.solution, state.covariance
+    place = np.flatnonzero(solution.basis == log.model.index[StandardParameter("K", joint)])
+    left = deciding_deflection(log.model, state.triangles, solution.basis, joint)
+    noise = deflection_noise(log.signals, joint)
+    if not len(place) or left is None or not np.isfinite(noise):
+        return 0.0
+    own = int(place[0])
+    if noise**2 > COLLAPSED * left or not covariance[own, own] > 0:
+        return float("inf")
+    by = pull(float(solution.values[solution.basis[own]]), noise, left)
+    moved = np.zeros(len(solution.values))
+    moved[solution.basis] = covariance[:, own] / covariance[own, own] * by
+    change = link_load(state, joint, moved)[known]
+    change, size = change - change.mean(), load[known] - load[known].mean()
+    return float(abs(change @ size) / max(size @ size, 1e-300))
 
 
 def _between_quarters(columns: Array, target: Array) -> float:

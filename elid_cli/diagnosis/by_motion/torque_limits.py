@@ -115,7 +115,8 @@ def sharpened(fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> tuple[Trajec
         return fit, ()
     for number in range(STEPS):
         beside, size = Beside.of(fit, _moved(fit, limits)), np.array([item.limit for item in limits])
-        deviations = np.hypot(beside.deviations, STEPPED * size)
+        beside = beside.rougher(STEPPED * size)
+        deviations = beside.deviations
         limits = [replace(item, deviation=float(d)) for item, d in zip(limits, deviations, strict=True)]
         if number == STEPS - 1 or (np.abs(beside.steps) <= SETTLED * deviations).all():
             break

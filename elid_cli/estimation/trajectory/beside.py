@@ -50,6 +50,11 @@ class Beside:
         found: Array = self.slopes.T @ self.spread @ self.slopes
         return found
 
+    def rougher(self, deviations: Array) -> Beside:
+        """Return them with a further error each, independent of all else, of standard deviations (L,)."""
+        spread = self.spread + np.diag(deviations**2)
+        return replace(self, spread=spread, deviations=np.sqrt(np.diag(spread)))
+
     @classmethod
     def of(cls, fit: TrajectoryFit, moved: Sequence[Array], held: slice = slice(0)) -> Beside:
         """Return them by how the positions of the fit's stretches change with them, (N, n, L) each.

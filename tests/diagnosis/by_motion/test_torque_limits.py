@@ -19,7 +19,9 @@ from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, VISCOUS, moved, robot, written
 
 
-@pytest.mark.parametrize(("joint", "limit", "seed", "delay"), [(1, 7.5, 3, 0.0), (0, 15.0, 4, 0.0025)])
+@pytest.mark.parametrize(
+    ("joint", "limit", "seed", "delay"), [(1, 7.5, 3, 0.0), (0, 15.0, 4, 0.0025), (2, 3.0, 2, 0.0)]
+)
 def test_a_limit_is_found_with_its_error_and_the_rest_is_as_without_it(
     tmp_path: Path, joint: int, limit: float, seed: int, delay: float
 ) -> None:
