@@ -16,6 +16,7 @@ from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
+from elid_cli.diagnosis.lower_cutoff import looked_closer
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
@@ -170,8 +171,18 @@ def diagnose_torque(
         See `diagnose`.
 
     Ctrl-C during the search ends it: the diagnosis is `partial` then and holds what was found so far.
+
+    Where nothing but noise is left at the log's cut-off and identification sees more at its own, lower one, effects
+    are looked for there (`looked_closer`).
     """
-    options = options or DiagnoseOptions()
+    chosen = options or DiagnoseOptions()
+    told = _by_torque(robot, signals, chosen, progress, usual)
+    return looked_closer(told, signals, lambda lower: _by_torque(robot, lower, chosen, progress, usual))
+
+
+def _by_torque(
+    robot: Robot, signals: Signals, options: DiagnoseOptions, progress: Progress | None, usual: Signals | None
+) -> Diagnosis:
     yielding = (
         ()
         if signals.recording is None

@@ -177,6 +177,8 @@ class Diagnosis(Shown):
     """Whether Ctrl-C ended the search: what it had not come to may be missing as well."""
     refuted: tuple[Survival, ...] = ()
     """Effects that the search found and that make some quarter of the log, predicted from the others, worse."""
+    searched_at: tuple[float, ...] = ()
+    """Cut-offs at which effects were looked for, in order, Hz: the answer is of the last."""
     yielding: tuple[str, ...] = ()
     """Joints that the robot file has elastic and that are rigid here, as the log has their motors only."""
 
@@ -200,6 +202,12 @@ class Diagnosis(Shown):
         """What the rows of the model after bear beside it: the noise that an effect has to show against."""
         projected = self.state_after.projected
         return RowNoiseModel(self.state_after.log.observation.rate, projected.independent, projected.whiteners)
+
+    @property
+    def identified_cutoff(self) -> float:
+        """Cut-off of `identified_after`, Hz; infinite where a collocation fitted it."""
+        told = self.identified_after.settings.get("published")
+        return float(told["cutoff"]) if isinstance(told, dict) else float("inf")
 
     @property
     def identified_before(self) -> Identification:

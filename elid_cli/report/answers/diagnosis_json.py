@@ -54,7 +54,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         **({"partial": True} if found.partial else {}),
         "sufficient": found.sufficient,
         "motion_repeats": found.repeats,
-        **picked(found, "predicted_worse tried held_out"),
+        **picked(found, "predicted_worse tried searched_at held_out"),
         "moved": [picked(m, "name before after deviations") for m in found.moved],
         "checks": [
             {"log": log_payload(c.recording), "before": {"error": errors(c.before)},
