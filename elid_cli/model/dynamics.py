@@ -11,7 +11,14 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.effects.scene import DIRECTION_WIDTH, direction_widths
-from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquations, ldl_solver, ldl_statements
+from elid_cli.model.mass_matrix import (
+    BLOCKS,
+    NotPositiveError,
+    NumericEquations,
+    ReducedEquations,
+    ldl_solver,
+    ldl_statements,
+)
 from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import Regressor, inputs_of
 from elid_cli.model.tracing import Graph, Scalar
@@ -70,11 +77,6 @@ class Dynamics:
         for k, inertia in zip(self.elastic, self._folded.motor_inertia(), strict=True):
             if not inertia > 0:
                 raise self._no_rotor(k)
-        reduced = self._folded.reduced()
-        self._reduced = reduced
-        self._core: _Function = reduced.program.scalar()
-        self._couplings = reduced.couplings
-        self._solve = ldl_solver(robot.ancestors)
 
     def acceleration(
         self,
@@ -143,7 +145,7 @@ class Dynamics:
         n = len(q)
         place = n + n * (n + 1) // 2
         ddtheta = []
-        for couplings in self._couplings:
+        for couplings in self._reduced.couplings:
             value = out[place]
             place += 1
             for k, c in couplings:
@@ -165,7 +167,7 @@ class Dynamics:
         solved, ddq = ldl_statements(self.robot.ancestors, out)
         place = self.robot.n + self.robot.n * (self.robot.n + 1) // 2
         motors = []
-        for number, couplings in enumerate(self._couplings):
+        for number, couplings in enumerate(self._reduced.couplings):
             terms = "".join(f" - {out[c]} * {ddq[k]}" for k, c in couplings)
             motors.append(f"m{number} = {out[place + number]}{terms}")
         return [*lines, *core, *solved, *motors], [*ddq, *(f"m{k}" for k in range(len(motors)))]
@@ -232,6 +234,19 @@ class Dynamics:
         total = out[:n] + out[n:]
         rigid = ~self.robot.elastic
         return np.where(rigid, total.T, out[:n].T), total.T.copy()
+
+    # the forward equations take most of the tracing, and many ask for the inverse ones alone
+    @cached_property
+    def _reduced(self) -> ReducedEquations:
+        return self._folded.reduced()
+
+    @cached_property
+    def _core(self) -> _Function:
+        return self._reduced.program.scalar()
+
+    @cached_property
+    def _solve(self) -> Callable[[list[float]], list[float]]:
+        return ldl_solver(self.robot.ancestors)
 
     @cached_property
     def _mass(self) -> _Function:

@@ -20,6 +20,8 @@ THINNED = 600
 MARGIN = 0.04
 """Share of the log at either end in which no change is looked for."""
 BEST = 3
+FARTHEST = 9.0
+"""Times its usual size that the missing torque is taken for at most: six standard deviations of noise."""
 _UNITS = ("kg", *["kg·m"] * 3, *["kg·m²"] * 6)
 
 
@@ -62,7 +64,7 @@ class Payload(Effect):
             return []
         thin = slice(None, None, max(1, len(t) // THINNED))
         rows = _columns(scene)[:, :, thin]
-        gain = _gain(rows, (scene.tau - scene.predicted).T[:, thin])
+        gain = _gain(rows, _without_outliers((scene.tau - scene.predicted).T[:, thin]))
         times = t[thin]
         gain[(times < times[0] + MARGIN * np.ptp(times)) | (times > times[-1] - MARGIN * np.ptp(times))] = 0.0
         found: list[tuple[float, ...]] = []
@@ -108,6 +110,16 @@ def _columns(scene: Scene) -> Array:
     if key not in scene.cache:
         scene.cache[key] = last_body(scene.robot, scene.motion) * independent(scene.robot)[:, None]
     found: Array = scene.cache[key]
+    return found
+
+
+def _without_outliers(missing: Array) -> Array:
+    """Return torques that the model misses, (n, N), none farther from 0 than a few times what is usual.
+
+    At the ends of a log accelerations of coarse encoders are hundreds of times off: one such instant would decide.
+    """
+    usual = FARTHEST * np.median(np.abs(missing), axis=1, keepdims=True)
+    found: Array = np.clip(missing, -usual, usual)
     return found
 
 
