@@ -63,6 +63,8 @@ def test_what_the_search_found_is_not_taken_for_inertias_that_the_file_knows():
         (stiffness,) = (item for item in told.parameters if item.leader.kind == "K")
         assert stiffness.verdict == "refused"
         assert "encoder noise" in stiffness.reason
+        (mass,) = (item for item in told.parameters if item.leader == "m1")
+        assert mass.verdict == "refused"
     # by the load, which the identified bodies give, neither: its error knows what noise pulls
     by_load = stiffness_by_load(found.state_after, 0)
     assert by_load is None or by_load.deviation > 0.3 * abs(by_load.value - full.joints[0].parameters["K"])

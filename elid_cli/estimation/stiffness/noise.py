@@ -22,6 +22,8 @@ from elid_cli.robot.parameter import StandardParameter
 _ROWS: tuple[Kind, ...] = ("motor", "spring")
 LARGEST_SHARE = 0.2
 """Share of the deciding deflection's energy that noise may have: K is then pulled by as much."""
+FELT = 0.1
+"""Part of a rotor's torque in the sum rows from which these tell it from its link's."""
 COLLAPSED = 0.5
 """Share from which so little is left of K in the fit that what the spring passes on falls to the rotor."""
 
@@ -60,7 +62,8 @@ def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covari
     and what its column is correlated with moves along. The share is known roughly only (smoothing takes some of the
     noise away, and how much depends on its colour): anything from nothing to all of it, so that the errors are widened
     by the standard deviation of a uniform distribution instead of correcting the values. More logs do not make it
-    smaller.
+    smaller. Where the noise is most of that deflection, a share of what is left of the stiffness says nothing of how
+    far it was pulled; the rotor has then taken anything from nothing to all of itself from the link (`_taken_over`).
 
     Parameters
     ----------
@@ -83,6 +86,9 @@ def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covari
         value = float(solution.values[solution.basis[own]])
         moved = covariance[:, own] / covariance[own, own] * pull(value, float(noise[k]), left)
         wider += np.outer(moved, moved)
+        if noise[k] ** 2 > COLLAPSED * left:
+            taken = _taken_over(model, triangles, solution, k)
+            wider += np.outer(taken, taken) / 3.0
     return wider
 
 
@@ -99,6 +105,37 @@ def pull(value: float, noise: float, left: float) -> float:
         Mean square of the deflection that the other columns leave, rad² (m²).
     """
     return min(noise**2 / left, 1.0) * value / math.sqrt(3.0) if left > 0 else value
+
+
+def _taken_over(model: Regressor, triangles: Triangles, solution: Solution, joint: int) -> Array:
+    """Return what the basis (r,) changes by if all of a rotor's inertia is the link's: nothing where the sums tell.
+
+    The sum rows hold both, whatever the stiffness; where they feel a difference, they tell the two apart.
+    """
+    basis, nothing = solution.basis, np.zeros(len(solution.basis))
+    rotor = np.flatnonzero(basis == model.index[model.robot.rotor_names[joint]])
+    if not len(rotor):
+        return nothing
+    place = {int(column): k for k, column in enumerate(basis)}
+    stiffnesses = [k for k, column in enumerate(basis) if column < model.parameters and model.names[column].kind == "K"]
+    rows = []
+    for row in (row for row in triangles.rows if row.kind == "sum"):
+        for triangle in triangles.of(row):
+            own = [k for k, column in enumerate(triangle.index) if int(column) in place]
+            part = np.zeros((len(triangle.factor), len(basis)))
+            part[:, [place[int(triangle.index[k])] for k in own]] = triangle.factor[:, own] * solution.weights[row]
+            rows.append(part)
+    matrix = np.concatenate(rows)
+    matrix[:, stiffnesses] = 0.0
+    column = matrix[:, rotor[0]].copy()
+    matrix[:, rotor[0]] = 0.0
+    size = np.linalg.norm(matrix, axis=0)
+    scale = np.where(size > 0, size, 1.0)
+    change = -np.linalg.lstsq(matrix / scale, column, rcond=1e-10)[0] / scale
+    if np.linalg.norm(column + matrix @ change) > FELT * np.linalg.norm(column):
+        return nothing
+    change[rotor[0]] = 1.0
+    return -change * float(solution.values[basis[rotor[0]]])
 
 
 def deciding_deflection(model: Regressor, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
