@@ -22,6 +22,8 @@ from elid_cli.report.tree import Figure, Report, Section, Text
 
 SYMBOLS = "·±²→…σ"
 """Characters that a stream must know to be spared the ASCII spelling."""
+SAID = "elid.said"
+"""Where a run keeps what `note` has said."""
 BESIDES = 4
 """Lines of a terminal that a table's title, head, foot and the prompt take."""
 
@@ -151,8 +153,12 @@ def note(lines: Iterable[str], output: Output, word: str = "note") -> None:
         return
     if not (output.json or output.markdown) and is_terminal(sys.stdout) and is_terminal(sys.stderr):
         return
+    context = click.get_current_context(silent=True)
+    said: set[tuple[str, str]] = set() if context is None else context.meta.setdefault(SAID, set())
     for line in lines:
-        sys.stderr.write(f"{word}: {visible(line)}\n")
+        if (word, line) not in said:  # the same of many logs, and of the robot that is read with each, is said once
+            said.add((word, line))
+            sys.stderr.write(f"{word}: {visible(line)}\n")
 
 
 class LimitError(ElidError):

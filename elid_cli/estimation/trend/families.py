@@ -4,13 +4,14 @@ Joints are witnesses of what all of them share. Where their values differ betwee
 that scatter independently would (two-way analysis of variance, Fisher), recordings differ in something of the whole
 machine. That is not yet a trend: a session's own delay, torque scale or temperature moves all joints, too. So a line is
 tested on the mean over joints, one value per recording, whose scatter holds whatever the joints of a recording share.
+What one joint does alone moves the mean as well, so both must be nearly as clear without any one of them.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,6 +27,8 @@ LEADER = re.compile(r"([A-Za-z]+)(\d+)(?: |$)")
 """Kind and joint of a base parameter's leading term."""
 JOINTS = 4
 """Fewest joints of a family."""
+NEARLY = 0.1
+"""Part of the p-value without one joint that counts: fewer joints tell less."""
 CLEAR = 5.0
 """Least mean over its standard error of a parameter whose relative change counts."""
 
@@ -50,9 +53,9 @@ class Family:
     interval: tuple[float, float]
     """95 % interval of the slope, which holds what the joints of a recording share."""
     slope_p: float
-    """Chance that recordings scatter about no line and the slope is as large."""
+    """Chance that recordings scatter about no line and the slope is as large, and nearly so without any one joint."""
     together_p: float
-    """Chance that independent joints differ as alike between recordings."""
+    """Chance that independent joints differ as alike between recordings, and nearly so without any one."""
     word: FamilyWord = "steady"
     explained: tuple[Explanation, ...] = ()
     """What the mean over joints goes with, best first; empty where nothing is as clear, or nothing differs."""
@@ -79,9 +82,23 @@ def _family(kind: str, members: Sequence[Series]) -> Family:
     slope, deviation = line_of(places, means, np.zeros(count))
     known = count >= LEAST and math.isfinite(deviation) and deviation > 0
     reach = student_quantile(count - 2, 0.975) * deviation if known else math.inf
-    p = two_sided(slope / deviation, count - 2) if known else 1.0
+    p = _without_one(values, lambda some: _slope_p(places, some.mean(axis=0)))
+    together = _without_one(values, _together)
     names = tuple(item.name for item in members)
-    return Family(kind, names, places, means, slope, error, (slope - reach, slope + reach), p, _together(values))
+    return Family(kind, names, places, means, slope, error, (slope - reach, slope + reach), p, together)
+
+
+def _without_one(values: Array, p_of: Callable[[Array], float]) -> float:
+    """Return the p-value of joints (J, R), or a part of that without the one that it hangs on most."""
+    rest = max(p_of(np.delete(values, joint, axis=0)) for joint in range(len(values)))
+    return max(p_of(values), NEARLY * rest)
+
+
+def _slope_p(places: Array, means: Array) -> float:
+    """Return the p-value of a line through means over joints, 1 where too few recordings tell."""
+    slope, deviation = line_of(places, means, np.zeros(len(means)))
+    known = len(means) >= LEAST and math.isfinite(deviation) and deviation > 0
+    return two_sided(slope / deviation, len(means) - 2) if known else 1.0
 
 
 def _together(values: Array) -> float:

@@ -45,6 +45,17 @@ def test_joints_that_differ_alike_are_named_and_a_session_of_its_own_is_no_trend
     assert sum(viscous(item).word != "steady" or bool(changed(item)) for item in quiet) <= 2
 
 
+def test_the_wear_of_one_joint_is_none_of_all() -> None:
+    """One joint of four whose friction grows moves the mean over joints as clearly as it does itself."""
+    rng = np.random.default_rng(5)
+    values = np.array([6.0, 2.5, 0.9, 2.0]) * (1.0 + 0.02 * rng.standard_normal((10, 4)))
+    values[:, 1] *= 1.0 + 0.04 * np.arange(10.0)
+    found = trend(machine({f"fs{k + 1}": column for k, column in enumerate(values.T)}, 0.001))
+    (family,) = found.families
+    assert family.word == "steady"
+    assert [item.series.name for item in found.trends if item.word == "trend"] == ["fs2"]
+
+
 def test_friction_goes_with_temperature_where_it_was_logged() -> None:
     """Temperatures of their own are told from time; those that rise with time are not."""
     found = [viscous(robot(seed, STILL, 12, warmth=0.01)).explained for seed in range(20)]
