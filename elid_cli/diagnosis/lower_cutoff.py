@@ -1,8 +1,9 @@
-"""What a search is blind to and identification sees: a residual that follows the motion below a lower cut-off.
+"""What a search is blind to and a lower cut-off shows.
 
 Noise of coarse encoders grows with frequency far faster than the torques that motion needs. At the cut-off that most
 effects need it may hide what moves the residual slowly, and "nothing but noise" is then true of that cut-off alone.
-Where the model with what was found does not suffice at identification's cut-off, effects are looked for there.
+Before it is said, effects are looked for at identification's usual cut-off, too, and at the one that it chose where its
+residual follows the motion there. Where it does not, one that is named there must let identification predict better.
 """
 
 from __future__ import annotations
@@ -12,7 +13,11 @@ from dataclasses import replace
 
 from elid_cli.diagnosis.result import Diagnosis, Unexplained
 from elid_cli.errors import DataError
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.signals import DEFAULT_CUTOFF, Signals
+
+BETTER = 0.95
+"""Part of its error on left-out stretches to which identification must come down. Of 24 logs of four simulated machines
+from which nothing was missing, what was named on four left at least 0.989; what was right left 0.89 at most."""
 
 
 def looked_closer(told: Diagnosis, signals: Signals, again: Callable[[Signals], Diagnosis]) -> Diagnosis:
@@ -29,18 +34,34 @@ def looked_closer(told: Diagnosis, signals: Signals, again: Callable[[Signals], 
     """
     own = signals.filter.cutoff
     told = replace(told, searched_at=(own,))
-    if told.partial or told.unexplained or signals.recording is None or not told.identified_after.insufficient:
+    if told.partial or told.unexplained or signals.recording is None:
         return told
-    cutoff = told.identified_cutoff
-    if not cutoff < own:
-        return _doubted(told)
-    try:
-        other = again(replace(signals.refiltered(cutoff), cutoff_free=False))
-    except DataError:  # too few instants at that cut-off
-        return _doubted(told)
-    if not other.partial and not _named(told) <= _named(other):
-        return _doubted(told)
-    return replace(_doubted(other), searched_at=(own, cutoff))
+    usual = DEFAULT_CUTOFF if told.usual is None else told.usual.filter.cutoff
+    searched = [own]
+    for cutoff in (usual, told.identified_cutoff):
+        doubted = bool(told.identified_after.insufficient)
+        if told.unexplained or told.partial or not (doubted or (cutoff == usual and not told.effects)):
+            break
+        if not cutoff < searched[-1]:
+            continue
+        try:
+            other = again(replace(signals.refiltered(cutoff), cutoff_free=False))
+        except DataError:  # too few instants at that cut-off
+            break
+        searched.append(cutoff)
+        told = replace(told, searched_at=tuple(searched))
+        more = other.partial or (bool(other.effects or other.unexplained) if doubted else _borne_out(other))
+        if more and (other.partial or _named(told) <= _named(other)):
+            told = replace(other, searched_at=tuple(searched))
+    return told if told.partial else _doubted(told)
+
+
+def _borne_out(told: Diagnosis) -> bool:
+    """Whether what was found lets identification predict some joint's torque clearly better, and none worse."""
+    if not told.effects or told.predicted_worse:
+        return False
+    before, after = told.left_out
+    return any(after[name].rms < BETTER * error.rms for name, error in before.items() if name in after)
 
 
 def _named(told: Diagnosis) -> set[tuple[str, str | None]]:
@@ -52,7 +73,7 @@ def _doubted(told: Diagnosis) -> Diagnosis:
     known = {item.joint for item in told.unexplained}
     found = [
         Unexplained(item.joint, item.rows, item.follows, item.share, error.rms, item.ratio, ())
-        for item in ([] if told.partial else told.identified_after.insufficient)
+        for item in told.identified_after.insufficient
         if item.joint not in known and (error := told.identified_after.published.get(item.joint)) is not None
     ]
     return replace(told, unexplained=(*told.unexplained, *found), sufficient=told.sufficient and not found)

@@ -178,7 +178,7 @@ class Diagnosis(Shown):
     refuted: tuple[Survival, ...] = ()
     """Effects that the search found and that make some quarter of the log, predicted from the others, worse."""
     searched_at: tuple[float, ...] = ()
-    """Cut-offs at which effects were looked for, in order, Hz: the answer is of the last."""
+    """Cut-offs at which effects were looked for, in order, Hz."""
     yielding: tuple[str, ...] = ()
     """Joints that the robot file has elastic and that are rigid here, as the log has their motors only."""
 

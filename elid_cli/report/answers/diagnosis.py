@@ -116,14 +116,9 @@ def _as_identified(found: Diagnosis) -> list[Section]:
 
 def _tried(found: Diagnosis) -> inputs.Items:
     many = "effect at its joint" if found.tried == 1 else "effects at their joints"
-    said = f"{found.tried} {many}; held out of the search: {inputs.span_words(found.held_out)}"
-    if len(found.searched_at) > 1:
-        first, last = (number_text(cutoff) for cutoff in (found.searched_at[0], found.searched_at[-1]))
-        said = (
-            f"{said}; below {first} Hz with nothing but noise left, then below {last} Hz, where the residual of elid "
-            "identify follows the motion"
-        )
-    return (("tried", said),)
+    several = [f"below {number_text(cutoff)} Hz" for cutoff in found.searched_at]
+    where = f", {', then '.join(several)}" if len(several) > 1 else ""
+    return (("tried", f"{found.tried} {many}{where}; held out of the search: {inputs.span_words(found.held_out)}"),)
 
 
 def _loud_words(told: DiagnosisInput) -> str:
