@@ -250,6 +250,11 @@ class Effect(ABC):
             return f"it needs the torque of the motor, and that of {robot.joints[joint].name} is read behind it"
         return ""
 
+    @classmethod
+    def in_sums(cls, robot: Robot) -> dict[str, str]:
+        """Return, by amplitude, the sum that its value is of where motion shows no more, as ``m + 2*Iyy``."""
+        return {}
+
     @abstractmethod
     def columns(self, scene: Scene) -> Columns:
         """Return the columns of the amplitudes in the rows they act on (link and motor rows, model side).

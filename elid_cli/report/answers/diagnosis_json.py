@@ -10,6 +10,7 @@ from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import RowState
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import Identification
+from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.identification_json import error_payload as errors
 from elid_cli.report.answers.identification_json import identification_payload
@@ -28,7 +29,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         "before": _side(found.before, found.rows_before, told.before, before),
         "after": _side(found.after, found.rows_after, told.after, after),
         "effects": [
-            _effect_payload(c, certain=found.certain(c.effect), also=own_elasticity(found, c.effect))
+            _effect_payload(found, c)
             for c in told.contributions
         ],
         "nuisances": nuisance_payload(found.nuisances),
@@ -93,11 +94,13 @@ def _side(
     }
 
 
-def _effect_payload(contribution: Contribution, *, certain: bool, also: str) -> dict[str, Any]:
+def _effect_payload(found: Diagnosis, contribution: Contribution) -> dict[str, Any]:
     effect = contribution.effect
+    curve, also = curve_words(effect), own_elasticity(found, effect)
+    sums = {} if curve else effect_classes()[effect.effect].in_sums(found.robot)
     payload = {
         **picked(effect, "effect joint parameters std_error gain"),
-        "certain": certain,
+        "certain": found.certain(effect),
         **picked(effect, "summary folds quarters local collocated"),
         "forms": [{**picked(form, "parameters behind"), "moved": dict(form.moved)} for form in effect.forms],
         "error": {
@@ -107,5 +110,5 @@ def _effect_payload(contribution: Contribution, *, certain: bool, also: str) -> 
             "after": contribution.with_it,
         },
     }
-    curve = curve_words(effect)
-    return {**payload, **({"curve": curve} if curve else {}), **({"also": also} if also else {})}
+    further = {"curve": curve, "also": also, "sums": {k: v for k, v in sums.items() if k in effect.parameters}}
+    return {**payload, **{key: said for key, said in further.items() if said}}

@@ -159,9 +159,14 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
         return f"a smooth curve over {curve}; it describes what is left and explains nothing"
     texts = [effect_text(robot, e.effect, e.joint, e.parameters, e.std_error) for e in terms]
     text = f"{missing.summary_words(terms)}: {'; and '.join(texts)}"
-    absent = [p.name for p in effect_classes()[effect.effect].amplitudes if p.name not in effect.parameters]
+    kind = effect_classes()[effect.effect]
+    absent = [p.name for p in kind.amplitudes if p.name not in effect.parameters]
+    sums = {name: said for name, said in kind.in_sums(robot).items() if name in effect.parameters}
     if absent:
-        text += f"; taken as 0: {', '.join(absent)}, which this motion shows in sums with the others only"
+        text += f"; taken as 0: {', '.join(absent)}"
+        text += ", which no motion shows alone" if sums else ", which no motion of this robot shows"
+    for name, said in sums.items():
+        text += f"; {name} stands for {said}"
     return text
 
 

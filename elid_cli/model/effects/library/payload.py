@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.base_parameters import leftmost
+from elid_cli.model.base_parameters import Dependencies, combination, leftmost, tidy
 from elid_cli.model.effects.bodies import last_body
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
@@ -95,6 +95,18 @@ class Payload(Effect):
         }
         return {**values, "start": self.shape[0]}
 
+    @classmethod
+    def in_sums(cls, robot: Robot) -> dict[str, str]:
+        """Return the sums of the last body's parameters that its leading ones stand for."""
+        found = _dependencies(robot)
+        followers = [LINK_PARAMETERS[k] for k in found.followers]
+        sums = {}
+        for leader, row in zip(found.leaders, found.coefficients, strict=True):
+            name, shares = LINK_PARAMETERS[leader], zip(followers, row.tolist(), strict=True)
+            if others := {other: tidy(share) for other, share in shares if share}:
+                sums[name] = combination({name: 1.0, **others})
+        return sums
+
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return the parameters with the payload."""
         names = robot.parameter_names()
@@ -148,8 +160,12 @@ def _gain(rows: Array, missing: Array) -> Array:
 
 def independent(robot: Robot) -> Array:
     """Return 1 for the last body's parameters that no earlier one of them can stand for, else 0, shape (10,)."""
+    kept = np.zeros(len(LINK_PARAMETERS))
+    kept[_dependencies(robot).leaders] = 1.0
+    return kept
+
+
+def _dependencies(robot: Robot) -> Dependencies:
     motion = random_motion(robot.n, robot.elastic, samples=24)
     columns = last_body(robot, motion).transpose(1, 0, 2).reshape(len(LINK_PARAMETERS), -1)
-    kept = np.zeros(len(LINK_PARAMETERS))
-    kept[leftmost(columns.T, TOLERANCE, null=0.0).leaders] = 1.0
-    return kept
+    return leftmost(columns.T, TOLERANCE, null=0.0)
