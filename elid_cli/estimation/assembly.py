@@ -25,6 +25,8 @@ from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 MOTOR = ("Jm", "Ja", "fs", "fv")
+SLIGHT = 0.1
+"""Part of its standard error below which what noise pulls a value by is left out."""
 NO_MOTOR_TORQUE = "no motor torque in this log"
 
 
@@ -47,6 +49,18 @@ def with_scatter(fit: DefaultFit, *said: Judgement | None) -> DefaultFit:
     return replace(fit, scatter=by_stretches(fit.triangles, fit.solution))
 
 
+def with_pull_of_noise(fit: DefaultFit, *said: Judgement | None) -> DefaultFit:
+    """Return a fit whose errors know by how much noise in the columns pulls its values, where that matters.
+
+    Of several logs the mean is taken; the values stay, as the noise is known roughly only.
+    """
+    pulls = [one.pull for one in said if one is not None and len(one.pull) == fit.base.count]
+    if not pulls:
+        return fit
+    pull, deviation = np.mean(pulls, axis=0), fit.deviations(fit.covariance)
+    return replace(fit, pull=pull) if bool(np.any(np.abs(pull) > SLIGHT * deviation)) else fit
+
+
 def assemble(
     fit: DefaultFit,
     options: EstimateOptions,
@@ -62,6 +76,8 @@ def assemble(
     spread = own @ fit.covariance @ own.T
     if fit.scatter is not None:
         spread = at_least(spread, np.diag(own @ fit.scatter @ own.T))
+    if fit.pull is not None:
+        spread = spread + np.outer(fit.pull, fit.pull)
     facts, robot = fit.data.facts, fit.model.robot
     errors = held_out(robot, fit.triangles, fit.solution, None if before is None else before.solution)
     left = freedom(facts, fit.triangles, len(fit.solution.basis))

@@ -48,6 +48,14 @@ class DefaultFit(Solved):
     scatter: Array | None = None
     """Covariance of the basis by leaving stretches out, (r, r), below which no error goes; None: the model suffices."""
 
+    pull: Array | None = None
+    """What noise of the positions in the columns adds to the base parameters, (b,): no error goes below it."""
+
+    @property
+    def doubted(self) -> bool:
+        """Whether errors are larger than what the covariance says."""
+        return self.scatter is not None or self.pull is not None
+
     def nuisance(self, number: int) -> tuple[float, float]:
         """Return a nuisance's coefficient and its standard deviation; NaN where the log does not determine it."""
         column = len(self.base.parameters) + number

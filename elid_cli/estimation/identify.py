@@ -16,7 +16,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
-from elid_cli.estimation.assembly import assemble, judged, with_scatter, with_unseen
+from elid_cli.estimation.assembly import assemble, judged, with_pull_of_noise, with_scatter, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.judgement import JointError, Judgement
@@ -145,8 +145,8 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     fit, tilt = _levelled_fit(robot, signals, options)
     fit, refused, answer = judged(fit, options)
     judgement = judge_model(fit) if options.guards else None
-    fit = with_scatter(fit, judgement)
-    if fit.scatter is not None:
+    fit = with_pull_of_noise(with_scatter(fit, judgement), judgement)
+    if fit.doubted:
         answer = assemble(fit, options, refused)
     found = with_unseen(_as_described(answer, robot, tilt), whole)
     if options.guards:
@@ -313,7 +313,7 @@ def _accurate(
     # held-out stretches are judged with the columns of the shapes that were found
     own = fit if answer.effects is None else reshaped(fit, answer.effects)
     effects = replace(own.effects, others=answer.others) if own.effects else None
-    better = replace(own, effects=effects, solution=solution, covariance=answer.covariance)
+    better = replace(own, effects=effects, solution=solution, covariance=answer.covariance, pull=None)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
     if answer.widened > 1.05:
         note += f", standard errors widened by {answer.widened:.2g}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.regressor import Kind
 
 if TYPE_CHECKING:
@@ -100,6 +101,8 @@ class Judgement:
     """The rows whose residual follows the motion."""
     biased: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Base parameters that what is missing can move, (b,); none where nothing was fitted."""
+    pull: Array = field(default_factory=lambda: np.zeros(0))
+    """By how much noise of the positions in the columns pulls the base parameters, (b,); none where not known."""
     misfitted: tuple[Insufficient, ...] = ()
     """Rows of a described robot whose residual follows the motion as other values of its parameters would."""
 

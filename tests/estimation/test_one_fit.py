@@ -32,6 +32,8 @@ LOGS = ROOT / "sample_logs"
 PLANAR = read_robot("planar2")
 ROUNDING = 1e-6
 """Of a standard error: sums are taken in another order."""
+NOISE = 1e-4
+"""The same of errors themselves where encoders' noise, whose pull they hold, is estimated of each log by itself."""
 
 
 def elid(*words: str | Path, cwd: Path) -> str:
@@ -50,10 +52,12 @@ def printed(text: str) -> tuple[np.ndarray, np.ndarray]:
     return np.array(estimate), np.array(error)
 
 
-def assert_same(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> None:
+def assert_same(
+    one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], errors: float = ROUNDING
+) -> None:
     assert np.array_equal(np.isnan(one[0]), np.isnan(other[0]))
     assert np.nanmax(np.abs(one[0] - other[0]) / one[1]) < ROUNDING
-    assert np.nanmax(np.abs(other[1] / one[1] - 1)) < ROUNDING
+    assert np.nanmax(np.abs(other[1] / one[1] - 1)) < errors
 
 
 def logged(robot: Robot, path: Path, seed: int) -> Path:
@@ -84,17 +88,18 @@ def two_logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_two_logs_say_the_same_read_together_reduced_or_merged(two_logs: tuple[Path, Path], tmp_path: Path) -> None:
-    # read together, logs share one choice of knots; with it given, nothing is left to differ
+    # read together, logs share one choice of knots; with it given, one estimate of their noise is left to differ
     chosen = SignalOptions(cutoff=10.0, knots=0.02)
     joined = read_recording(two_logs, PLANAR)
     together = identify(PLANAR, prepare(joined, PLANAR, chosen))
     found = identify_logs(LogRequest([str(log) for log in two_logs], PLANAR, chosen))
-    assert_same(columns_of(together), columns_of(found.found))
+    assert_same(columns_of(together), columns_of(found.found), NOISE)
     for log in two_logs:
         words = (log, "--robot", "planar2", "--cutoff", "10", "--knots", "0.02")
         elid("reduce", *words, "-o", f"{log.stem}.npz", cwd=tmp_path)
     merged = elid("identify", "a.npz", "b.npz", "--robot", "planar2", "--json", cwd=tmp_path)
-    assert_same(columns_of(together), printed(merged))
+    assert_same(columns_of(found.found), printed(merged))
+    assert_same(columns_of(together), printed(merged), NOISE)
 
 
 def test_two_halves_merged_say_what_the_whole_says(two_logs: tuple[Path, Path]) -> None:

@@ -178,7 +178,7 @@ def _told(said: Judgement | None) -> dict[str, Any] | None:
     if said is None:
         return None
     lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient")}
-    return {**lists, "biased": said.biased.tolist()}
+    return {**lists, "biased": said.biased.tolist(), "pull": said.pull.tolist()}
 
 
 def _heard(told: dict[str, Any] | None, joints: Sequence[str]) -> Judgement | None:
@@ -191,7 +191,9 @@ def _heard(told: dict[str, Any] | None, joints: Sequence[str]) -> Judgement | No
     need(all(j in joints and r in ROWS and np.isfinite(x) for j, r, x in places), "it judges no row of it")
     need(all(0 <= i.floor < np.inf and 0 <= i.correlation < np.inf for i in noise), "its noise is no number")
     need(all(isinstance(i.follows, str) and np.isfinite(i.share) for i in lacking), "it follows nothing")
-    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1))
+    pull = np.array(told.get("pull", ()), dtype=float)  # files of before have none
+    need(pull.ndim == 1 and bool(np.isfinite(pull).all()), "what noise pulls is no number")
+    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), pull)
 
 
 def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:

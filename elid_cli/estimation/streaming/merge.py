@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
-from elid_cli.estimation.assembly import assemble, judged, with_scatter, with_unseen
+from elid_cli.estimation.assembly import assemble, judged, with_pull_of_noise, with_scatter, with_unseen
 from elid_cli.estimation.default_fit import DefaultFit, fit_data
 from elid_cli.estimation.facts import joined_facts
 from elid_cli.estimation.regression.least_squares import Solution
@@ -62,13 +62,14 @@ def identify_reduced(
     if len(logs) > 1:
         fit = replace(fit, covariance=_together(data, logs, fit).of_few)
     fit, refused, found = judged(fit, options)
-    fit = with_scatter(fit, *(log.judgement for log in logs))
-    if fit.scatter is not None:
+    said = [log.judgement for log in logs]
+    fit = with_pull_of_noise(with_scatter(fit, *said), *said)
+    if fit.doubted:
         found = assemble(fit, options, refused)
     found = with_unseen(found, whole)
     if any("tau_link" in log.recording.sources and not log.facts.link_torque.all() for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))
-    found = judged_model(found, *(log.judgement for log in logs))
+    found = judged_model(found, *said)
     found = replace(found, notes=(*found.notes, *_disagreement(data, logs, fit)))
     if options.fit == "auto" and all(log.facts.computed.all() for log in logs):
         from elid_cli.estimation.trajectory.unasked import pointed_out
