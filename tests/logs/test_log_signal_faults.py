@@ -346,6 +346,18 @@ def test_swapped_channels_are_noticed(tmp_path: Path) -> None:
     assert any("shoulder and elbow look swapped" in text for text in got.warnings)
 
 
+def test_a_motor_that_turns_with_another_joint_is_noticed(tmp_path: Path) -> None:
+    base = recording(3000)
+    theta = base.theta.copy()
+    theta[:, 1] -= base.q[:, 0]
+    for robot in (ROBOT, Robot("arm", tuple(Joint(j.name, transmission="rigid") for j in ROBOT.joints))):
+        got = read_recording([written(tmp_path, "log.csv", like(base, theta=theta))], robot)
+        (told,) = (text for text in got.warnings if "the motor turns with that joint" in text)
+        assert told.startswith("elbow: theta - q is -1 times the position of shoulder")
+        assert ("for deflection" in told) == robot.joints[1].elastic
+        assert not any("the motor turns" in w for w in read(written(tmp_path, "plain.csv", base)).warnings)
+
+
 def test_efforts_of_the_wrong_side_or_sign_are_noticed(tmp_path: Path) -> None:
     base = recording(3000)
     spring = 4000 * (base.theta - base.q)

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.logs.checks.coupled_motors import coupled_motors
 from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
@@ -90,6 +91,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     swapped = swap(q, theta, compared, robot)
     if swapped:
         return [*found, swapped]
+    found.extend(coupled_motors(q, theta, compared, robot))
     if len(compared) > 1:
         tau = _thinned(checked.tau, step)
         found.extend(_swapped_torques(theta - q, tau, compared, robot))
