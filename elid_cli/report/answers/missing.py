@@ -160,7 +160,7 @@ def missing_words(told: DiagnosisInput) -> str:
         nothing = f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
         if any(row.high for row in found.rows_after):  # what is left is told beside
             nothing = "Nothing that elid can name: no effect that it knows improves the model."
-        return rest.strip() or nothing
+        return f"{rest.strip() or nothing}{taken_as_rigid(found)}"
     order = [*found.robot.joint_names, found.robot.name].index
     named.sort(key=lambda c: order(c.effect.joint or found.robot.name))
     places: dict[str, list[str]] = {}
@@ -181,6 +181,19 @@ def missing_words(told: DiagnosisInput) -> str:
         said = f"Something that no effect fits well. The nearest that elid knows: {said[:1].lower()}{said[1:]}"
     own = "".join(f" {words}" for words in dict.fromkeys(own_elasticity(found, c.effect) for c in named) if words)
     return f"{said}{own}{worth}{_poor_words(found, poor)}{rest}"
+
+
+def taken_as_rigid(found: Diagnosis) -> str:
+    """Return which joints that the robot file has elastic are rigid in this log and left with a residual."""
+    high = {row.joint for row in found.rows_after if row.high} | {item.joint for item in found.unexplained}
+    names = [name for name in found.yielding if name in high]
+    if not names:
+        return ""
+    who = "it is" if len(names) == 1 else "they are"
+    return (
+        f" The robot file has {listed(names)} elastic; without link position {who} rigid here, and the elasticity may "
+        "be what is left: elid identify looks for it."
+    )
 
 
 def own_elasticity(found: Diagnosis, effect: FoundEffect) -> str:

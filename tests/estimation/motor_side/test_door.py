@@ -13,12 +13,13 @@ import pytest
 from elid_cli import EstimateOptions, Identification, SignalOptions, identify, prepare
 from elid_cli.cli import main
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, FoundEffect, diagnose
+from elid_cli.diagnosis.result import Unexplained
 from elid_cli.estimation.motor_side import door
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import read_recording, write_recording
 from elid_cli.report.answers.identification_json import identification_payload
-from elid_cli.report.answers.missing import own_elasticity
+from elid_cli.report.answers.missing import own_elasticity, taken_as_rigid
 from elid_cli.report.figures import figures_of, panels_of
 from elid_cli.report.figures.drawing import Rule
 from elid_cli.report.figures.input import FigureInput
@@ -120,6 +121,10 @@ def test_diagnose_says_that_a_mode_may_be_the_joint_itself(elastic: bool) -> Non
     mode = FoundEffect("flexible_mode", "joint1", {}, {}, 0.9, "")
     assert ("the elasticity of joint1 itself" in own_elasticity(found, mode)) == elastic
     assert own_elasticity(found, replace(mode, effect="stribeck")) == ""
+    # what is left where nothing was found may be that as well
+    left = Unexplained("joint1", "sum", "load", 0.3, 1.0, 20.0, ())
+    said = taken_as_rigid(replace(found, effects=(), unexplained=(left,)))
+    assert ("The robot file has joint1 elastic" in said) == elastic
 
 
 def test_a_written_robot_is_elastic_where_the_stiffness_is_supported(elastic: Identification) -> None:
