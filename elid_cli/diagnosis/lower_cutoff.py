@@ -15,6 +15,8 @@ from elid_cli.diagnosis.result import Diagnosis, Unexplained
 from elid_cli.errors import DataError
 from elid_cli.signals.signals import DEFAULT_CUTOFF, Signals
 
+LEAST = 100
+"""Instants at a cut-off without which effects are not looked for there."""
 BETTER = 0.95
 """Part of its error on left-out stretches to which identification must come down. Of 24 logs of four simulated machines
 from which nothing was missing, what was named on four left at least 0.989; what was right left 0.89 at most."""
@@ -44,9 +46,12 @@ def looked_closer(told: Diagnosis, signals: Signals, again: Callable[[Signals], 
             break
         if not cutoff < searched[-1]:
             continue
+        lower = replace(signals.refiltered(cutoff), cutoff_free=False)
+        if len(lower.outputs) < LEAST:
+            break
         try:
-            other = again(replace(signals.refiltered(cutoff), cutoff_free=False))
-        except DataError:  # too few instants at that cut-off
+            other = again(lower)
+        except DataError:  # it excites no parameter below that cut-off
             break
         searched.append(cutoff)
         told = replace(told, searched_at=tuple(searched))
