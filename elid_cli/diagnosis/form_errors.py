@@ -1,4 +1,4 @@
-"""Standard errors that reach to what other forms of the found effects make of the parameters."""
+"""Standard errors that reach to what other forms of the found effects, or their rivals, make of the parameters."""
 
 from __future__ import annotations
 
@@ -7,27 +7,34 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.diagnosis.result import FoundEffect
+from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.estimation.regression.other_shapes import REACH
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.verdicts import WEAK
 
 
-def reaching_forms(found: Identification, effects: Sequence[FoundEffect]) -> Identification:
-    """Return an identification whose intervals of 95 % reach to the parameters with each other form of its effects.
+def reaching_forms(
+    found: Identification, effects: Sequence[FoundEffect], rivals: Sequence[Rival] = ()
+) -> Identification:
+    """Return an identification whose 95 % intervals reach to the parameters with other forms of its effects and rivals.
 
     Parameters that are then known to 30 % no more are weakly known.
     """
     wider = np.zeros_like(found.covariance)
     why: dict[int, str] = {}
-    for effect in effects:
-        for form in effect.forms:
-            wider += np.outer(form.change, form.change) / REACH**2
-            names = dict(form.moved)
-            for k, item in enumerate(found.parameters):
-                if item.name in names:
-                    why.setdefault(k, f"{effect.effect} in another form would make it {names[item.name]:.3g}")
-    if not why:
+    others = [(form.change, form.moved, f"{e.effect} in another form") for e in effects for form in e.forms]
+    for rival in rivals:
+        if rival.change is not None:
+            others.append((rival.change, rival.moved, f"{rival.effect} of {rival.joint or found.robot.name}"))
+        if rival.errors is not None:  # it may know less than the named one
+            wider += np.diag(np.nan_to_num(np.maximum(rival.errors**2 - np.diag(found.covariance), 0.0)))
+    for change, moved, what in others:
+        wider += np.outer(change, change) / REACH**2
+        names = dict(moved)
+        for k, item in enumerate(found.parameters):
+            if item.name in names:
+                why.setdefault(k, f"{what} would make it {names[item.name]:.3g}")
+    if not wider.any():
         return found
     records = []
     for k, item in enumerate(found.parameters):

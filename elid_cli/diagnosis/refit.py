@@ -95,7 +95,7 @@ def published(found: Diagnosis, signals: Signals) -> Published:
     rows = {(row.joint, row.rows): row for row in found.rows_after}
     noise = tuple(item for item in last.told.noise if (item.joint, item.rows) in rows)
     lacking = last.told.model if not found.unexplained else "insufficient"
-    after = reaching_forms(replace(last.told, noise=noise, model=lacking), found.effects)
+    after = reaching_forms(replace(last.told, noise=noise, model=lacking), found.effects, found.also_possible)
     if last.robot is None or first.robot is None:
         return Published(first.told, after, last.robot or found.refined)
     errors, cutoff = _comparable(first, last, signals) if found.effects else ((first.told.published,) * 2, first.cutoff)

@@ -45,6 +45,12 @@ class Rival:
     """Log-likelihood by which it explains this log worse than the named effect, negative where better."""
     beside: tuple[FoundEffect, ...] = ()
     """Named effects as they are beside it, where their values hang on which of the two it is."""
+    change: Array | None = field(default=None, repr=False, compare=False)
+    """By how much it moves the base parameters in place of the named one, (b,); None where there was no such fit."""
+    errors: Array | None = field(default=None, repr=False, compare=False)
+    """Their standard errors then, (b,), NaN where they are not determined."""
+    moved: tuple[tuple[str, float], ...] = ()
+    """Base parameters that it moves by two standard errors or more, the most first, and what they then are."""
 
 
 @dataclass(frozen=True)

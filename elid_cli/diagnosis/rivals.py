@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
+import numpy as np
+
+from elid_cli._types import Array
 from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
+from elid_cli.diagnosis.search.other_forms import moved_between
 from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Step
 from elid_cli.model.effects import effect_classes, effect_that
@@ -53,16 +58,19 @@ def rivals_of(state: State, declared: int, steps: Sequence[Step], effects: Seque
             if key in named or key in rivals:
                 continue
             ratio = candidate.gain.likelihood / max(step.candidate.gain.likelihood, 1e-9)
-            values, errors = _in_its_place(state, number, candidate)
+            there = _in_its_place(state, number, candidate)
             rivals[key] = Rival(
                 candidate.effect.name,
                 joint,
                 effect.effect,
                 effect.gain * min(ratio, 1.0),
-                values,
+                there.values,
                 candidate.effect.record,
-                errors,
+                there.errors,
                 _behind(step.candidate, candidate),
+                change=there.change,
+                errors=there.spread,
+                moved=there.moved,
             )
     for rival in _together(robot, effects):
         rivals.setdefault((rival.effect, rival.joint), rival)
@@ -78,15 +86,27 @@ def _behind(named: Candidate, rival: Candidate) -> float:
     return (named.gain.whole - rival.gain.whole) * best.gain.share
 
 
-def _in_its_place(state: State, number: int, rival: Candidate) -> tuple[Mapping[str, float], Mapping[str, float]]:
-    """Return a rival's parameters and their standard errors from a fit with it in the place of effect `number`."""
+class _InPlace(NamedTuple):
+    """A rival's parameters, their standard errors, and what it makes of the base parameters."""
+
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    change: Array | None = None
+    spread: Array | None = None
+    moved: tuple[tuple[str, float], ...] = ()
+
+
+def _in_its_place(state: State, number: int, rival: Candidate) -> _InPlace:
+    """Return what a rival is from a fit with it in the place of effect `number`."""
     lacking = without(state, number)
     other = refreshed(fit(lacking.log, (*lacking.effects, rival.effect), lacking.scene, but=lacking.but))
     last = len(other.effects) - 1
     values = other.named(last)
     if not sensible(other.effects[last], other.scene, values):
-        return rival.values, {}
-    return values, standard_errors(other, last)
+        return _InPlace(rival.values, {})
+    change, moved = moved_between(state, other)
+    _, spread, known = other.base_values(state.log.base)
+    return _InPlace(values, standard_errors(other, last), change, np.where(known, spread, np.nan), moved)
 
 
 def _together(robot: Robot, effects: Sequence[FoundEffect]) -> list[Rival]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.result import OtherForm
 from elid_cli.diagnosis.search.candidate import Candidate
@@ -127,10 +128,18 @@ def _in_form(state: State, number: int, effect: Effect) -> State:
 
 def _told(state: State, other: State, number: int, behind: float) -> OtherForm:
     """Return what is said of a form, from the models with the effect as it was found and in that form."""
+    return OtherForm(other.named(number), behind, *moved_between(state, other))
+
+
+def moved_between(state: State, other: State) -> tuple[Array, tuple[tuple[str, float], ...]]:
+    """Return by how much base parameters differ from one model of a log to another, (b,), and clearly moved ones.
+
+    The latter by name, the most moved first, with their values in the other model.
+    """
     base = state.log.base
     before, errors, known = state.base_values(base)
     after, _, still = other.base_values(base)
     change = np.where(known & still, after - before, 0.0)
     sizes = np.abs(change) / np.maximum(errors, 1e-300)
     order = [k for k in np.argsort(-sizes) if sizes[k] > MOVED]
-    return OtherForm(other.named(number), behind, change, tuple((str(base.names[k]), float(after[k])) for k in order))
+    return change, tuple((str(base.names[k]), float(after[k])) for k in order)
