@@ -8,6 +8,7 @@ import numpy as np
 
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.candidate import FOLDS_LOST, Candidate
+from elid_cli.diagnosis.search.event_times import INSTANT
 from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.model.effects.effect import Effect
@@ -32,10 +33,17 @@ MUCH_LEFT = 5.0
 """Ratio to the floor from which what is left in such a row is another matter than the effect's."""
 
 
-def predicted_better(old: State, new: State, rows: Sequence[EstimationRow]) -> float | None:
+def is_change(effect: Effect) -> bool:
+    """Whether an effect acts from an instant on: one fold may hold nearly all of the log before it, or after."""
+    return effect.local and any(shape.name == INSTANT for shape in effect.shapes)
+
+
+def predicted_better(old: State, new: State, rows: Sequence[EstimationRow], *, change: bool = False) -> float | None:
     """Return by which part the error of left-out folds falls, or None unless it falls in nearly every fold.
 
-    Both models are fitted anew without each fold; rows count in units of their present residual.
+    Both models are fitted anew without each fold; rows count in units of their present residual. Of a `change`, one
+    fold that is predicted worse does not count: without it nothing may tell what was before, and by how much that is
+    then missed says nothing.
     """
     before, after = np.zeros(STRETCHES), np.zeros(STRETCHES)
     for row in rows:
@@ -44,6 +52,9 @@ def predicted_better(old: State, new: State, rows: Sequence[EstimationRow]) -> f
             before += unit * old.left_out[row]
             after += unit * new.left_out[row]
     live = before > 0
+    lost = live & (after >= before)
+    if change and np.count_nonzero(lost) == 1:
+        before[lost], after[lost] = 0.0, 0.0
     won = int(np.sum(after[live] < before[live]))
     if won < max(int(live.sum()) - FOLDS_LOST, 1) or after.sum() >= before.sum():
         return None
@@ -62,7 +73,7 @@ def worthwhile(old: State, new: State, candidate: Candidate) -> bool:
         return False
     judged = not candidate.effect.local or bool(candidate.gain.acting.all())
     rows = touched(old, new, candidate.columns.rows)
-    if judged and predicted_better(old, new, rows) is None:
+    if judged and predicted_better(old, new, rows, change=is_change(candidate.effect)) is None:
         return False
     if _strays(old, new, candidate, rows):
         return False

@@ -10,7 +10,7 @@ import numpy as np
 from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
-from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, predicted_better, touched, worthwhile
+from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, is_change, predicted_better, touched, worthwhile
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.encoders_first import (
@@ -192,8 +192,10 @@ def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list
         losses = []
         for k in range(len(steps)):
             lacking = without(state, declared + k)
-            again = score(lacking, state.effects[declared + k], steps[k].candidate.shapes, 1)
-            gain = predicted_better(lacking, state, touched(lacking, state, state.columns[declared + k].rows)) or 0.0
+            effect = state.effects[declared + k]
+            again = score(lacking, effect, steps[k].candidate.shapes, 1)
+            rows, change = touched(lacking, state, state.columns[declared + k].rows), is_change(effect)
+            gain = predicted_better(lacking, state, rows, change=change) or 0.0
             losses.append(np.inf if gain > KEPT or again is None else again.net)
         worst = int(np.argmin(losses))
         if losses[worst] > NET:
