@@ -92,7 +92,11 @@ def assemble(
         nuisances=nuisances,
         effects=_effects(fit),
         warnings=(*fresh.warnings, *doubts),
-        notes=(*((lacking,) if lacking else ()), *(sentences(fit.effects, robot) if fit.effects else ())),
+        notes=(
+            *((lacking,) if lacking else ()),
+            *(sentences(fit.effects, robot) if fit.effects else ()),
+            *_without_offsets(fit),
+        ),
         estimator=options.estimator,
     )
     found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
@@ -181,6 +185,26 @@ def _deviation(fit: DefaultFit, column: int) -> float:
         return float("nan")
     spreads = (fit.covariance,) if fit.scatter is None else (fit.covariance, fit.scatter)
     return float(np.sqrt(max(0.0, *(spread[where[0], where[0]] for spread in spreads))))
+
+
+def _without_offsets(fit: DefaultFit) -> list[str]:
+    """Return which parameters stand only if torque channels have no offset, as none would show beside them."""
+    before, first = fit.before, fit.model.parameters
+    if before is None:
+        return []
+    joints = [
+        fit.model.robot.joint_names[sum_row(extra).joint]
+        for number, extra in enumerate(before.nuisances)
+        if extra.nuisance == "offset" and not before.solution.determined(first + number)
+    ]
+    lost = fit.solution.estimable(fit.transform) & ~before.solution.estimable(before.transform)
+    names = [str(fit.base.names[k]) for k in np.flatnonzero(lost)]
+    if not joints or not names:
+        return []
+    return [
+        f"{' '.join(joints)}: this log cannot tell an offset of the torque, or friction that differs between the two "
+        f"directions, from {', '.join(names)}: these are right if there is none"
+    ]
 
 
 def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:

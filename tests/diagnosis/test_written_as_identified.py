@@ -65,6 +65,10 @@ def test_what_the_search_found_is_not_taken_for_inertias_that_the_file_knows():
         assert "encoder noise" in stiffness.reason
         (mass,) = (item for item in told.parameters if item.leader == "m1")
         assert mass.verdict == "refused"
+    # nor does anything but the assumption that there is no offset tell the weight on the upright axis from one
+    (told,) = (note for note in identify(robot, prepare(recording, robot)).notes if "offset of the torque" in note)
+    assert told.startswith("z: this log cannot tell")
+    assert "m2 + m3" in told
     # by the load, which the identified bodies give, neither: its error knows what noise pulls
     by_load = stiffness_by_load(found.state_after, 0)
     assert by_load is None or by_load.deviation > 0.3 * abs(by_load.value - full.joints[0].parameters["K"])
