@@ -82,6 +82,13 @@ def test_friction_by_load_of_a_rigid_joint_is_seen() -> None:
     assert {item.joint for item in found.insufficient} == {"joint2"}
 
 
+def test_constants_of_a_torque_that_lacks_something_may_be_biased() -> None:
+    """Friction that grows with the load goes into Coulomb friction, which no curve over the motion moves so far."""
+    for seed in (36, 37, 38):
+        found = told(*made(seed, Sensors(bits=17), load_friction))
+        assert {"fs2", "fv2"} <= {p.leader for p in found.parameters if p.bias_possible}
+
+
 @pytest.mark.parametrize(("delay", "rate"), [(1.5, 1000.0), (5.0, 1000.0), (20.0, 1000.0), (1.5, 200.0)])
 def test_a_torque_that_acts_late_bends_nothing(delay: float, rate: float) -> None:
     found = told(*made(35, Sensors(bits=17, delay=delay, rate=rate)))

@@ -32,6 +32,7 @@ from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.estimation.validation.unpredicted import unpredicted
 from elid_cli.model.regressor import EstimationRow, Kind
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.signals import Signals
@@ -259,5 +260,26 @@ def _movable(fit: DefaultFit, seen: _Seen) -> NDArray[np.bool_]:
     plain = fit.transform[:, fit.solution.basis] @ fit.solution.inverse
     ratio = after / np.maximum(np.sqrt(np.sum(plain**2, axis=1)), 1e-300)
     shift = np.abs(transform @ solution.values - fit.transform @ fit.solution.values)
-    marked: NDArray[np.bool_] = (shift > MOVED * before) | (ratio > WIDER)
+    marked: NDArray[np.bool_] = (shift > MOVED * before) | (ratio > WIDER) | _of_lacking(fit, missing)
     return marked
+
+
+def _of_lacking(fit: DefaultFit, missing: Sequence[_Missing]) -> NDArray[np.bool_]:
+    """Return the base parameters of drives and springs whose own torque lacks something, (b,).
+
+    No curve over the motion is friction that grows with the load, or a spring that stiffens: what they take goes into
+    the constants beside them first. What a motor lacks is in its sum and its motor row, a spring's in the motor row
+    alone; of a rigid joint one row holds all.
+    """
+    rows: dict[int, set[Kind]] = {}
+    for row, _, _ in missing:
+        rows.setdefault(row.joint, set()).add(row.kind)
+    own = set()
+    for joint, kinds in rows.items():
+        rigid = not fit.model.robot.joints[joint].elastic
+        if "drive" in kinds or {"sum", "motor"} <= kinds or rigid:
+            own |= {StandardParameter("fs", joint), StandardParameter("fv", joint)}
+        elif kinds & {"motor", "spring"}:
+            own.add(StandardParameter("K", joint))
+    leaders = [fit.base.parameters[k] for k in fit.base.leaders]
+    return np.array([leader in own for leader in leaders], dtype=bool)
