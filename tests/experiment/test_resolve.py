@@ -18,6 +18,7 @@ from elid_cli.experiment.resolve import Question, Resolution, ResolveOptions, qu
 from elid_cli.experiment.resolve.decision import Distance
 from elid_cli.experiment.resolve.played import Bench
 from elid_cli.experiment.resolve.separation import Separation, varied
+from elid_cli.report.answers.resolution import resolution_report
 from elid_cli.robot.robot import Limits, Robot
 from tests.system.reproduce.inverse_logs import Made
 from tests.system.reproduce.resolve import LONG, arm_of, log, looked, outcome, played, poor_motions
@@ -143,11 +144,21 @@ def test_gains_of_two_joints_are_told_apart_by_no_motion(saved: dict[str, Any], 
     rival = {**saved["also_possible"][0], "effect": "torque_gain", "joint": joints[1], "instead_of": "torque_gain",
              "parameters": {"gain": 1 / 1.06 - 1}, "std_error": {"gain": 0.004}}  # fmt: skip
     asked = question_of({**saved, "effects": [named], "also_possible": [rival], "unexplained": []}, made.truth)
-    (pair,) = resolve(asked, ResolveOptions(duration=5.0, starts=4, steps=4)).pairs
+    found = resolve(asked, ResolveOptions(duration=5.0, starts=4, steps=4))
+    (pair,) = found.pairs
     assert pair.twins
     assert pair.verdict == "no motion"
     assert pair.planned < 1.0
     assert any("load each other" in remedy.words for remedy in pair.otherwise)
+    # a motion that decides nothing is not proposed
+    for decides in (False, True):
+        plan = replace(found, pairs=(replace(pair, twins=False, planned=4.0),)) if decides else found
+        sections = {
+            section.key: section for section in resolution_report(plan, "r.yaml", "d.json", "n.csv", 250).sections
+        }
+        assert ("next" in sections) == decides
+        (written,) = (value for name, value in sections["facts"].items if name == "written")
+        assert ("decides none of it" in str(written)) != decides
 
 
 def test_parameters_are_varied_within_their_bounds(question: Question) -> None:

@@ -31,18 +31,21 @@ NOTE = (
 
 def resolution_report(found: Resolution, robot_argument: str, diagnosis: str, file: str, rate: float) -> Report:
     """Return the report of a motion that was planned for `diagnosis` and written to `file`."""
+    idle = all(pair.verdict == "no motion" for pair in found.pairs)
+    written = f"{file}, {number_text(rate)} Hz: t, q, dq, ddq of every joint"
     facts: tuple[tuple[str, Cell], ...] = (
         ("to decide", f"what {diagnosis} leaves open"),
         ("trajectory", f"{number_text(found.trajectory.duration)} s, quintic splines, from rest to rest"),
-        ("written", f"{file}, {number_text(rate)} Hz: t, q, dq, ddq of every joint"),
+        ("written", f"{written}; this motion decides none of it: record what is said below" if idle else written),
         ("chosen from", f"{found.tried} motions within the limits"),
         ("assumed", "the noise of that log, and its estimates with their errors"),
     )
+    following = Text("next", shlex.join(["elid", "diagnose", "NEXT_LOG", "--robot", robot_argument]), "next")
     sections: list[Section] = [
         heading(found.robot),
         KeyValues("facts", facts),
         *resolution_sections(found),
-        Text("next", shlex.join(["elid", "diagnose", "NEXT_LOG", "--robot", robot_argument]), "next"),
+        *([] if idle else [following]),
     ]
     payload = resolution_payload(found, diagnosis=diagnosis, file=file, rate=rate)
     return Report("excite", payload, tuple(sections))
