@@ -77,6 +77,16 @@ def test_a_missing_friction_curve_is_seen_and_marks_friction_only() -> None:
     assert wrong <= marked  # what is not marked is right
 
 
+def test_a_torque_of_the_wrong_sign_is_told_by_the_stiffness() -> None:
+    robot, recording = made(39, Sensors(bits=17))
+    bare = replace(robot, joints=tuple(replace(joint, parameters={}) for joint in robot.joints))
+    found = told(bare, replace(recording, tau=recording.tau * np.array([1.0, -1.0])))
+    (stiffness,) = (p for p in found.parameters if p.leader == "K2")
+    assert stiffness.verdict == "refused"
+    assert stiffness.reason.startswith("negative, which no robot's is")
+    assert "wrong sign, or q and theta are swapped" in stiffness.reason
+
+
 def test_friction_by_load_of_a_rigid_joint_is_seen() -> None:
     found = told(*made(34, Sensors(bits=17), load_friction, (0, 1)))
     assert {item.joint for item in found.insufficient} == {"joint2"}

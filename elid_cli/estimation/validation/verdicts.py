@@ -103,7 +103,10 @@ def judge(
             whole = f"combination with {name}, " if len(members) > 1 else ""
             error, value = (f"{float(f'{v:.2g}'):g} {unit}" for v in (deviation[k], estimate[k]))
             spread = f"{whole}standard error {error} against a value of {value}"
-            reasons[name] = f"{spread}: {why(members, robot, facts)}"
+            if stiff and estimate[k] < -2 * deviation[k]:
+                reasons[name] = f"{IMPOSSIBLE} ({value} ± {error}): {wrong_sign(robot.joint_names[name.joint])}"
+            else:
+                reasons[name] = f"{spread}: {why(members, robot, facts)}"
         elif impossible(base, k, estimate[k], deviation[k]):
             verdicts.append("weak")
             reasons[name] = f"{IMPOSSIBLE}: a sign or a unit is wrong, or an effect is missing"
@@ -121,6 +124,11 @@ def judge(
         else:
             verdicts.append("supported")
     return tuple(verdicts), reasons
+
+
+def wrong_sign(label: str) -> str:
+    """Return what a stiffness that is clearly negative tells of a joint's signals."""
+    return f"the torque of {label} or one of its positions has the wrong sign, or q and theta are swapped"
 
 
 def why(members: Sequence[StandardParameter], robot: Robot, facts: SignalFacts) -> str:
