@@ -428,8 +428,19 @@ def test_a_stiffness_of_a_rigid_joint_is_said_not_to_be_used(tmp_path: Path) -> 
 
 
 def test_what_gravity_bends_a_spring_by_is_no_offset() -> None:
-    pair = Pair(0, "elbow", 100.0, 1.0, 0.05, 0.999, 0.002, True, 1.0)
+    pair = Pair(0, "elbow", 100.0, 1.0, 0.05, 0.999, 0.002, True)
     plan = ReadPlan({}, None, (), (), {})
     assert any("away from q" in sentence for sentence in pair.sentences(plan))
     assert not list(pair.sentences(plan, bent=0.045))
     assert any("away from q" in sentence for sentence in pair.sentences(plan, bent=0.01))
+
+
+@pytest.mark.parametrize("sides", [("q", "theta"), ("theta",)])
+def test_a_slide_in_millimetres_is_noticed(tmp_path: Path, sides: tuple[str, ...]) -> None:
+    base = recording(3000)
+    robot = Robot("gantry", (*ROBOT.joints[:2], Joint("wrist", "prismatic", transmission="rigid")))
+    large = {side: np.where(np.arange(3) == 2, 1000.0, 1.0) * getattr(base, side) for side in sides}
+    gone = {} if "q" in sides else {"q": np.full_like(base.q, np.nan)}
+    got = read_recording([written(tmp_path, "log.csv", like(base, **large, **gone))], robot)
+    assert any(text.startswith("wrist: its position reaches") and "unit: mm" in text for text in got.warnings)
+    assert not any("position reaches" in text for text in read(written(tmp_path, "plain.csv", base)).warnings)

@@ -27,8 +27,6 @@ OF_DEFLECTION = 5.0
 """… if it is also this many times the spread of theta - q."""
 OF_LOAD = 3.0
 """… and this many times what the joint's mean torque bends a spring of the robot file's stiffness by."""
-FAR = 40.0
-"""rad; robots' joints rarely turn more than six times."""
 
 
 def as_yaml(unit: str) -> str:
@@ -54,8 +52,6 @@ class Pair:
     spread: float
     """Standard deviation of theta - q."""
     revolute: bool
-    reach: float
-    """Largest |q|."""
 
     @staticmethod
     def of(j: int, q: Array, theta: Array, robot: Robot) -> Pair | None:
@@ -78,7 +74,6 @@ class Pair:
             correlation,
             float((theta - q).std()),
             joint.revolute,
-            float(np.abs(q).max()),
         )
 
     def sentences(self, plan: ReadPlan, bent: float = 0.0, *, sprung: bool = False) -> Iterator[str]:
@@ -93,8 +88,6 @@ class Pair:
         sprung
             Whether theta - q follows the torque as the robot file's spring does: then a slope near 1 is its work.
         """
-        if self.revolute and self.reach > FAR:
-            yield f"{self.name}: q reaches {self.reach:.4g} rad: if it is in degrees, map it with unit: deg"
         if abs(self.correlation) < ALIKE:
             return
         where = f"{self.name}: theta"

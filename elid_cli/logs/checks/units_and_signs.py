@@ -58,6 +58,8 @@ EXACTLY = 1e-3
 """Share of tau that is not proportional to the deflection below which tau is no motor torque."""
 SOFTEST = 0.5
 """Slope of theta over q below which, and over whose inverse, no spring is looked for."""
+FAR = 40.0
+"""rad or m: robots' joints rarely turn more than six times, and slides are shorter."""
 STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
@@ -78,6 +80,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     found.extend(limited(np.where(computed, np.nan, checked.tau) if np.any(computed) else checked.tau, robot))
     whole = slice(start, min(stop, start + SAMPLES))
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
+    found.extend(_far(sides, robot))
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
     found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
     if checked.computed:
@@ -114,6 +117,16 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     for pair in compared:
         found.extend(_scale(pair, scales.get(pair.j, math.nan), robot, plan, alone=right))
     return found
+
+
+def _far(positions: Array, robot: Robot) -> Iterator[str]:
+    """Name joints that go farther than robots' joints do, positions (N, n)."""
+    for k, joint in enumerate(robot.joints):
+        known = positions[np.isfinite(positions[:, k]), k]
+        reach = float(np.abs(known).max()) if known.size else 0.0
+        if reach > FAR:
+            unit, other, key = ("rad", "degrees", "deg") if joint.revolute else ("m", "mm", "mm")
+            yield f"{joint.name}: its position reaches {reach:.4g} {unit}: if it is in {other}, map it with unit: {key}"
 
 
 def _described(
