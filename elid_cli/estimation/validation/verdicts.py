@@ -26,6 +26,8 @@ DOUBT = 3.0
 """Standard errors below zero from which a value that no robot has negative is impossible, and no scatter."""
 IMPOSSIBLE = "negative, which no robot's is"
 """What the reason of such a parameter begins with."""
+TURNED = "or one of its positions has the wrong sign, or q and theta are swapped"
+"""What a stiffness that is clearly negative tells of a joint's torque."""
 TOO_LITTLE = "the motion excites it too little"
 """Why a parameter is weak where nothing more particular is known."""
 HELD = "held at the robot file's value"
@@ -103,10 +105,11 @@ def judge(
             whole = f"combination with {name}, " if len(members) > 1 else ""
             error, value = (f"{float(f'{v:.2g}'):g} {unit}" for v in (deviation[k], estimate[k]))
             spread = f"{whole}standard error {error} against a value of {value}"
-            if stiff and estimate[k] < -2 * deviation[k]:
-                reasons[name] = f"{IMPOSSIBLE} ({value} ± {error}): {wrong_sign(robot.joint_names[name.joint])}"
-            else:
-                reasons[name] = f"{spread}: {why(members, robot, facts)}"
+            turned = stiff and estimate[k] < -2 * deviation[k]
+            lacking = (
+                f"the torque of {robot.joint_names[name.joint]} {TURNED}" if turned else why(members, robot, facts)
+            )
+            reasons[name] = f"{spread}: {lacking}"
         elif impossible(base, k, estimate[k], deviation[k]):
             verdicts.append("weak")
             reasons[name] = f"{IMPOSSIBLE}: a sign or a unit is wrong, or an effect is missing"
@@ -124,11 +127,6 @@ def judge(
         else:
             verdicts.append("supported")
     return tuple(verdicts), reasons
-
-
-def wrong_sign(label: str) -> str:
-    """Return what a stiffness that is clearly negative tells of a joint's signals."""
-    return f"the torque of {label} or one of its positions has the wrong sign, or q and theta are swapped"
 
 
 def why(members: Sequence[StandardParameter], robot: Robot, facts: SignalFacts) -> str:

@@ -15,7 +15,7 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.known_load import BESIDE_BODIES
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
-from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE, TORQUE_SHARE, WEAK
+from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE, TORQUE_SHARE, TURNED, WEAK
 from elid_cli.logs.checks.known_inertias import RUNS
 from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.logs.checks.limits import WRONG
@@ -220,7 +220,8 @@ def record_sections(
     log, robot = arguments
     groups: dict[str, list[BaseEstimate]] = {}
     for item in () if found.drives else found.parameters:
-        if item.verdict != "supported" and not item.reason.startswith((IMPOSSIBLE, HELD)):
+        told = item.reason.startswith((IMPOSSIBLE, HELD)) or TURNED in item.reason  # no other motion mends it
+        if item.verdict != "supported" and not told:
             groups.setdefault(_needed(item), []).append(item)
     joints = found.robot.joint_names
     items = [*further, *(
