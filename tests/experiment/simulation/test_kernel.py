@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -58,17 +57,6 @@ def test_a_mass_matrix_that_is_not_positive_is_named_as_by_the_steps(
     system.prepare(1)
     with pytest.raises(RobotError, match="not positive definite"):
         system.advance(0.0, 1e-4, 3, [0.1] * system.size, [0.0] * 2)
-
-
-def test_compiled_dynamics_are_faster(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("numba")
-    spent = []
-    for worth in (10**9, 0, 0):  # the second run finds what the first compiled
-        monkeypatch.setattr(kernel, "WORTH", worth)
-        begin = time.process_time()
-        run(read_robot("puma560"), SimulationOptions(duration=3.0, seed=2))
-        spent.append(time.process_time() - begin)
-    assert spent[2] < 0.7 * spent[0]
 
 
 def rounded() -> Robot:
