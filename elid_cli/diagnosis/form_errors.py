@@ -26,8 +26,8 @@ def reaching_forms(
     for rival in rivals:
         if rival.change is not None:
             others.append((rival.change, rival.moved, f"{rival.effect} of {rival.joint or found.robot.name}"))
-        if rival.errors is not None:  # it may know less than the named one
-            wider += np.diag(np.nan_to_num(np.maximum(rival.errors**2 - np.diag(found.covariance), 0.0)))
+        if rival.further is not None:
+            wider += np.diag(np.nan_to_num(rival.further) ** 2)
     for change, moved, what in others:
         wider += np.outer(change, change) / REACH**2
         names = dict(moved)

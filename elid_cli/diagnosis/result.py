@@ -47,8 +47,8 @@ class Rival:
     """Named effects as they are beside it, where their values hang on which of the two it is."""
     change: Array | None = field(default=None, repr=False, compare=False)
     """By how much it moves the base parameters in place of the named one, (b,); None where there was no such fit."""
-    errors: Array | None = field(default=None, repr=False, compare=False)
-    """Their standard errors then, (b,), NaN where they are not determined."""
+    further: Array | None = field(default=None, repr=False, compare=False)
+    """What their standard errors are then more, squared and summed, (b,): it may tell less than the named one."""
     moved: tuple[tuple[str, float], ...] = ()
     """Base parameters that it moves by two standard errors or more, the most first, and what they then are."""
 

@@ -69,7 +69,7 @@ def rivals_of(state: State, declared: int, steps: Sequence[Step], effects: Seque
                 there.errors,
                 _behind(step.candidate, candidate),
                 change=there.change,
-                errors=there.spread,
+                further=there.further,
                 moved=there.moved,
             )
     for rival in _together(robot, effects):
@@ -92,7 +92,7 @@ class _InPlace(NamedTuple):
     values: Mapping[str, float]
     errors: Mapping[str, float]
     change: Array | None = None
-    spread: Array | None = None
+    further: Array | None = None
     moved: tuple[tuple[str, float], ...] = ()
 
 
@@ -105,8 +105,9 @@ def _in_its_place(state: State, number: int, rival: Candidate) -> _InPlace:
     if not sensible(other.effects[last], other.scene, values):
         return _InPlace(rival.values, {})
     change, moved = moved_between(state, other)
-    _, spread, known = other.base_values(state.log.base)
-    return _InPlace(values, standard_errors(other, last), change, np.where(known, spread, np.nan), moved)
+    (_, own, known), (_, there, still) = (one.base_values(state.log.base) for one in (state, other))
+    further = np.where(known & still, np.sqrt(np.maximum(there**2 - own**2, 0.0)), 0.0)
+    return _InPlace(values, standard_errors(other, last), change, further, moved)
 
 
 def _together(robot: Robot, effects: Sequence[FoundEffect]) -> list[Rival]:
