@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,8 @@ from elid_cli.estimation.regression.other_shapes import sentences
 from elid_cli.estimation.regression.standard_errors import by_stretches, freedom
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
-from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
+from elid_cli.estimation.stiffness.noise import stiffness_in_noise, taken_over, with_pull
+from elid_cli.estimation.validation.column_noise import joined, pull_of
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.estimation.validation.verdicts import Estimates, judge, shortfall, suspicious, torque_scale
 from elid_cli.model.effects import effect_classes
@@ -49,16 +50,23 @@ def with_scatter(fit: DefaultFit, *said: Judgement | None) -> DefaultFit:
     return replace(fit, scatter=by_stretches(fit.triangles, fit.solution))
 
 
-def with_pull_of_noise(fit: DefaultFit, *said: Judgement | None) -> DefaultFit:
+def with_pull_of_noise(fit: DefaultFit, said: Sequence[Judgement | None], instants: Sequence[int] = (1,)) -> DefaultFit:
     """Return a fit whose errors know by how much noise in the columns pulls its values, where that matters.
 
-    Of several logs the mean is taken; the values stay, as the noise is known roughly only.
+    The values stay, as the noise is known roughly only.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    said, instants
+        What is known of the noise in each of its logs, and how many instants each has.
     """
-    pulls = [one.pull for one in said if one is not None and len(one.pull) == fit.base.count]
-    if not pulls:
-        return fit
-    pull, deviation = np.mean(pulls, axis=0), fit.deviations(fit.covariance)
-    return replace(fit, pull=pull) if bool(np.any(np.abs(pull) > SLIGHT * deviation)) else fit
+    columns = joined([() if one is None else one.columns for one in said], instants)
+    own, facts = fit.transform[:, fit.solution.basis], fit.data.facts
+    lost = own @ taken_over(fit.model, fit.triangles, fit.solution, facts.deflection_noise, columns)
+    pull, deviation = np.column_stack([pull_of(fit, columns), lost]), fit.deviations(fit.covariance)
+    return replace(fit, pull=pull) if bool(np.any(np.linalg.norm(pull, axis=1) > SLIGHT * deviation)) else fit
 
 
 def assemble(
@@ -77,7 +85,7 @@ def assemble(
     if fit.scatter is not None:
         spread = at_least(spread, np.diag(own @ fit.scatter @ own.T))
     if fit.pull is not None:
-        spread = spread + np.outer(fit.pull, fit.pull)
+        spread = spread + fit.pull @ fit.pull.T
     facts, robot = fit.data.facts, fit.model.robot
     errors = held_out(robot, fit.triangles, fit.solution, None if before is None else before.solution)
     left = freedom(facts, fit.triangles, len(fit.solution.basis))

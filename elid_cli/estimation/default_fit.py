@@ -49,7 +49,7 @@ class DefaultFit(Solved):
     """Covariance of the basis by leaving stretches out, (r, r), below which no error goes; None: the model suffices."""
 
     pull: Array | None = None
-    """What noise of the positions in the columns adds to the base parameters, (b,): no error goes below it."""
+    """What noise of the positions in the columns may have pulled the base parameters by, in some directions, (b, d)."""
 
     @property
     def doubted(self) -> bool:

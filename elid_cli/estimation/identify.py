@@ -145,7 +145,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     fit, tilt = _levelled_fit(robot, signals, options)
     fit, refused, answer = judged(fit, options)
     judgement = judge_model(fit) if options.guards else None
-    fit = with_pull_of_noise(with_scatter(fit, judgement), judgement)
+    fit = with_pull_of_noise(with_scatter(fit, judgement), [judgement])
     if fit.doubted:
         answer = assemble(fit, options, refused)
     found = with_unseen(_as_described(answer, robot, tilt), whole)

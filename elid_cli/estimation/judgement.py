@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.model.regressor import Kind
+from elid_cli.model.regressor import EstimationRow, Kind
 
 if TYPE_CHECKING:
     pass
@@ -93,6 +93,17 @@ class Insufficient:
 
 
 @dataclass(frozen=True)
+class ColumnNoise:
+    """What noise of the positions is in the columns of a row."""
+
+    row: EstimationRow
+    index: NDArray[np.intp]
+    """Numbers of its columns, (k,)."""
+    gram: Array
+    """Mean square of their noise at an instant, (k, k)."""
+
+
+@dataclass(frozen=True)
 class Judgement:
     """What the residual on one log says of the model."""
 
@@ -101,8 +112,8 @@ class Judgement:
     """The rows whose residual follows the motion."""
     biased: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Base parameters that what is missing can move, (b,); none where nothing was fitted."""
-    pull: Array = field(default_factory=lambda: np.zeros(0))
-    """By how much noise of the positions in the columns pulls the base parameters, (b,); none where not known."""
+    columns: tuple[ColumnNoise, ...] = ()
+    """What noise of the positions is in the columns; none where that is not known."""
     misfitted: tuple[Insufficient, ...] = ()
     """Rows of a described robot whose residual follows the motion as other values of its parameters would."""
 

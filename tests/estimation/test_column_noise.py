@@ -51,16 +51,16 @@ def test_what_noise_pulls_is_foretold() -> None:
         return fit_best(model, base, prepare(replace(exact, q=q, theta=theta), robot, conditioned), options)
 
     def widened(fit: DefaultFit) -> DefaultFit:
-        return with_pull_of_noise(fit, judge_model(fit))
+        return with_pull_of_noise(fit, [judge_model(fit)])
 
     fits = [widened(fitted(NOISE)) for _ in range(DRAWN)]
     off = np.array([fit.transform @ fit.solution.values - truth for fit in fits])
-    error, pull = off.std(axis=0) / np.sqrt(DRAWN), np.mean([fit.pull for fit in fits], axis=0)
+    error, pull = off.std(axis=0) / np.sqrt(DRAWN), np.mean([fit.pull.sum(axis=1) for fit in fits], axis=0)
     leaders = [base.parameters[k] for k in base.leaders]
     decided = [leaders.index(name) for name in ("m2", "cx1", "cy1", "Jm1")]
     assert (np.abs(off.mean(axis=0) - pull) < 0.5 * np.abs(off.mean(axis=0)) + 3.0 * error)[decided].all()
     assert (np.abs(pull) > 0.3 * np.abs(off.mean(axis=0)))[decided].all()
-    sizes = [np.hypot(fit.deviations(fit.covariance), fit.pull) for fit in fits]
+    sizes = [np.hypot(fit.deviations(fit.covariance), np.linalg.norm(fit.pull, axis=1)) for fit in fits]
     assert np.sqrt(np.mean((off / sizes)[:, decided] ** 2)) < 1.3
     # fine encoders leave the errors as they are
     assert widened(fitted(1e-7)).pull is None

@@ -9,11 +9,13 @@ velocity, which viscous friction takes off along.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.judgement import ColumnNoise
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
 from elid_cli.model.regressor import EstimationRow, Kind, Regressor
@@ -63,7 +65,7 @@ def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covari
     noise away, and how much depends on its colour): anything from nothing to all of it, so that the errors are widened
     by the standard deviation of a uniform distribution instead of correcting the values. More logs do not make it
     smaller. Where the noise is most of that deflection, a share of what is left of the stiffness says nothing of how
-    far it was pulled; the rotor has then taken anything from nothing to all of itself from the link (`_taken_over`).
+    far it was pulled: see `taken_over`.
 
     Parameters
     ----------
@@ -86,9 +88,6 @@ def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covari
         value = float(solution.values[solution.basis[own]])
         moved = covariance[:, own] / covariance[own, own] * pull(value, float(noise[k]), left)
         wider += np.outer(moved, moved)
-        if noise[k] ** 2 > COLLAPSED * left:
-            taken = _taken_over(model, triangles, solution, k)
-            wider += np.outer(taken, taken) / 3.0
     return wider
 
 
@@ -107,10 +106,38 @@ def pull(value: float, noise: float, left: float) -> float:
     return min(noise**2 / left, 1.0) * value / math.sqrt(3.0) if left > 0 else value
 
 
-def _taken_over(model: Regressor, triangles: Triangles, solution: Solution, joint: int) -> Array:
+def taken_over(
+    model: Regressor, triangles: Triangles, solution: Solution, noise: Array, columns: Sequence[ColumnNoise] = ()
+) -> Array:
+    """Return what lost stiffnesses may have moved the basis by, a standard deviation each, (r, joints with one).
+
+    Where noise is most of the deflection that decides a stiffness, the rotor has taken anything from nothing to all of
+    its inertia from the link.
+
+    Parameters
+    ----------
+    model, triangles, solution
+        The robot, the reduced logs and what was solved for.
+    noise
+        Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
+    columns
+        What noise is in the columns.
+    """
+    lost = []
+    for k, joint in enumerate(model.robot.joints):
+        left = deciding_deflection(model, triangles, solution.basis, k) if joint.elastic else None
+        if left is not None and noise[k] ** 2 > COLLAPSED * left:
+            lost.append(_taken_by_rotor(model, triangles, solution, k, columns) / math.sqrt(3.0))
+    return np.array(lost).T.reshape(len(solution.basis), -1)
+
+
+def _taken_by_rotor(
+    model: Regressor, triangles: Triangles, solution: Solution, joint: int, columns: Sequence[ColumnNoise]
+) -> Array:
     """Return what the basis (r,) changes by if all of a rotor's inertia is the link's: nothing where the sums tell.
 
-    The sum rows hold both, whatever the stiffness; where they feel a difference, they tell the two apart.
+    The sum rows hold both, whatever the stiffness; where they feel a difference that is no noise, they tell the two
+    apart.
     """
     basis, nothing = solution.basis, np.zeros(len(solution.basis))
     rotor = np.flatnonzero(basis == model.index[model.robot.rotor_names[joint]])
@@ -132,9 +159,18 @@ def _taken_over(model: Regressor, triangles: Triangles, solution: Solution, join
     size = np.linalg.norm(matrix, axis=0)
     scale = np.where(size > 0, size, 1.0)
     change = -np.linalg.lstsq(matrix / scale, column, rcond=1e-10)[0] / scale
-    if np.linalg.norm(column + matrix @ change) > FELT * np.linalg.norm(column):
-        return nothing
+    felt, noisy = float(np.sum((column + matrix @ change) ** 2)), 0.0
     change[rotor[0]] = 1.0
+    for item in columns:
+        known = [k for k, number in enumerate(item.index) if int(number) in place]
+        if item.row.kind == "sum" and known:
+            moved = change[[place[int(item.index[k])] for k in known]]
+            count = sum(triangle.count for triangle in triangles.of(item.row))
+            weight = solution.weights.get(item.row, 0.0) ** 2 * count
+            noisy += weight * float(moved @ item.gram[np.ix_(known, known)] @ moved)
+    # what noise makes of it is known to a factor of two
+    if felt - 2.0 * noisy > (FELT * float(np.linalg.norm(column))) ** 2:
+        return nothing
     return -change * float(solution.values[basis[rotor[0]]])
 
 

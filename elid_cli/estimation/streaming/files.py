@@ -25,7 +25,7 @@ from elid_cli._types import Array
 from elid_cli.budget import Budget
 from elid_cli.errors import LogError
 from elid_cli.estimation.facts import SignalFacts
-from elid_cli.estimation.judgement import Insufficient, Judgement, RowNoise
+from elid_cli.estimation.judgement import ColumnNoise, Insufficient, Judgement, RowNoise
 from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.stiffness.links import LinkSystem
 from elid_cli.estimation.streaming.believed import check_reduced, need
@@ -83,6 +83,10 @@ def packed(logs: Sequence[ReducedLog]) -> dict[str, Any]:
             arrays[f"{k}/{name}_factors"] = np.concatenate([*flat, np.zeros(0)])
         for number, scores in enumerate(log.scores):
             arrays[f"{k}/scores{number}"] = _upper(scores.gram)
+        numbers = {row: number for number, (row, _) in enumerate(log.layout)}
+        columns = [c for c in (() if log.judgement is None else log.judgement.columns) if c.row in numbers]
+        arrays[f"{k}/column_noise_rows"] = np.array([numbers[item.row] for item in columns], dtype=np.int64)
+        arrays[f"{k}/column_noise"] = np.concatenate([*(_upper(item.gram) for item in columns), np.zeros(0)])
         arrays[f"{k}/reference"] = log.reference
         for joint, link in enumerate(log.links):
             if link is not None:
@@ -178,10 +182,10 @@ def _told(said: Judgement | None) -> dict[str, Any] | None:
     if said is None:
         return None
     lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient")}
-    return {**lists, "biased": said.biased.tolist(), "pull": said.pull.tolist()}
+    return {**lists, "biased": said.biased.tolist()}
 
 
-def _heard(told: dict[str, Any] | None, joints: Sequence[str]) -> Judgement | None:
+def _heard(told: dict[str, Any] | None, joints: Sequence[str], columns: tuple[ColumnNoise, ...]) -> Judgement | None:
     if told is None:
         return None
     # a moment cannot be left out of what is reduced already
@@ -191,9 +195,7 @@ def _heard(told: dict[str, Any] | None, joints: Sequence[str]) -> Judgement | No
     need(all(j in joints and r in ROWS and np.isfinite(x) for j, r, x in places), "it judges no row of it")
     need(all(0 <= i.floor < np.inf and 0 <= i.correlation < np.inf for i in noise), "its noise is no number")
     need(all(isinstance(i.follows, str) and np.isfinite(i.share) for i in lacking), "it follows nothing")
-    pull = np.array(told.get("pull", ()), dtype=float)  # files of before have none
-    need(pull.ndim == 1 and bool(np.isfinite(pull).all()), "what noise pulls is no number")
-    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), pull)
+    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), columns)
 
 
 def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
@@ -229,8 +231,23 @@ def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
         scores,
         tuple(_link(arrays, f"{k}/link{joint}") for joint in range(len(joints))),
         arrays[f"{k}/reference"],
-        _heard(head["judgement"], joints),
+        _heard(head["judgement"], joints, _columns(arrays, k, layout)),
     )
+
+
+def _columns(arrays: Any, k: int, layout: Sequence[tuple[EstimationRow, NDArray[np.intp]]]) -> tuple[ColumnNoise, ...]:
+    """Return what noise is in the columns of a log; files of before do not know."""
+    found, place = [], 0
+    rows = f"{k}/column_noise_rows"
+    for number in arrays[rows].tolist() if rows in arrays.files else ():
+        row, index = layout[number]
+        width = len(index) - 2  # without delay and offset of the channel
+        part = arrays[f"{k}/column_noise"][place : place + width * (width + 1) // 2]
+        place += len(part)
+        gram = _symmetric(part, width)
+        need(bool(np.isfinite(gram).all() and (np.diag(gram) >= 0).all()), "the noise in its columns is no number")
+        found.append(ColumnNoise(row, index[:-2], gram))
+    return tuple(found)
 
 
 def _link(arrays: Any, name: str) -> LinkSystem | None:

@@ -63,7 +63,7 @@ def identify_reduced(
         fit = replace(fit, covariance=_together(data, logs, fit).of_few)
     fit, refused, found = judged(fit, options)
     said = [log.judgement for log in logs]
-    fit = with_pull_of_noise(with_scatter(fit, *said), *said)
+    fit = with_pull_of_noise(with_scatter(fit, *said), said, [log.facts.instants for log in logs])
     if fit.doubted:
         found = assemble(fit, options, refused)
     found = with_unseen(found, whole)

@@ -23,7 +23,7 @@ from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.standard_errors import with_prior
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.validation.column_noise import pull_of
+from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import PACE, followed, memory, motion_curves, slow_part
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
@@ -113,7 +113,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
 
     seen = _judged_rows(part.signals, observation, left, floor, own)
     biased = _movable(part, seen) if seen.missing else np.zeros(fit.base.count, dtype=bool)
-    return Judgement(tuple(seen.noise), tuple(seen.insufficient), biased, pull_of(part, noise))
+    return Judgement(tuple(seen.noise), tuple(seen.insufficient), biased, columns_of(noise))
 
 
 def judge_prediction(found: Validation) -> Judgement:
