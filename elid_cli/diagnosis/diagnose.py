@@ -172,8 +172,8 @@ def diagnose_torque(
 
     Ctrl-C during the search ends it: the diagnosis is `partial` then and holds what was found so far.
 
-    Where nothing but noise is left at the log's cut-off and identification sees more at its own, lower one, effects
-    are looked for there (`looked_closer`).
+    Where nothing is found at the log's cut-off, or identification sees more than noise at a lower one, effects are
+    looked for there as well (`looked_closer`).
     """
     chosen = options or DiagnoseOptions()
     told = _by_torque(robot, signals, chosen, progress, usual)

@@ -2,8 +2,8 @@
 
 Noise of coarse encoders grows with frequency far faster than the torques that motion needs. At the cut-off that most
 effects need it may hide what moves the residual slowly, and "nothing but noise" is then true of that cut-off alone.
-Before it is said, effects are looked for at identification's usual cut-off, too, and at the one that it chose where its
-residual follows the motion there. Where it does not, one that is named there must let identification predict better.
+Before it is said, effects are looked for at the cut-off that identification starts from, too, and at the one that it
+chose where its residual follows the motion there. Where it does not, what is named must let it predict better.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from which nothing was missing, what was named on four left at least 0.989; what
 
 
 def looked_closer(told: Diagnosis, signals: Signals, again: Callable[[Signals], Diagnosis]) -> Diagnosis:
-    """Return a diagnosis that agrees with what identification says of its model.
+    """Return a diagnosis that looked at lower cut-offs as well, and says what identification sees with its model.
 
     Parameters
     ----------
@@ -75,10 +75,12 @@ def _named(told: Diagnosis) -> set[tuple[str, str | None]]:
 
 def _doubted(told: Diagnosis) -> Diagnosis:
     """Return a diagnosis that calls unexplained what identification, with what was found, sees beyond noise."""
-    known = {item.joint for item in told.unexplained}
+    after, known = told.identified_after, {item.joint for item in told.unexplained}
+    floors = {(item.joint, item.rows): item.floor for item in after.noise}
     found = [
-        Unexplained(item.joint, item.rows, item.follows, item.share, error.rms, item.ratio, ())
-        for item in told.identified_after.insufficient
-        if item.joint not in known and (error := told.identified_after.published.get(item.joint)) is not None
-    ]
+        Unexplained(item.joint, item.rows, item.follows, item.share, floors[item.joint, item.rows] * item.ratio,
+                    item.ratio, (), by_identify=True)
+        for item in after.insufficient
+        if item.joint not in known and (item.joint, item.rows) in floors
+    ]  # fmt: skip
     return replace(told, unexplained=(*told.unexplained, *found), sufficient=told.sufficient and not found)

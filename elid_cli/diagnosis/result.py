@@ -120,6 +120,8 @@ class Unexplained:
     """Residual over the noise floor."""
     nearest: tuple[Nearest, ...]
     """Nearest candidates."""
+    by_identify: bool = False
+    """Whether identification sees it, at its own cut-off, and not the search: what would explain it was not tried."""
 
 
 @dataclass(frozen=True)

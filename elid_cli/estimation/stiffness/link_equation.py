@@ -135,10 +135,15 @@ def _between(item: BaseEstimate, way: Callable[[int], TwoWays | None]) -> BaseEs
     ways = way(item.leader.joint) if item.verdict != "refused" else None
     if ways is None or ways.share >= CLEAR:
         return item
+    follows = f"only {ways.share:.0%} of the deflection follows the torque"
+    if item.estimate > ways.inverse + 2.0 * item.std_error:
+        # what stands still tells more than what varies: right if neither encoder's zero is off
+        away = 0.5 * (item.estimate - ways.inverse)
+        reason = f"{follows}: told by the mean load, where what varies gives no more than {ways.inverse:.3g}"
+        return replace(item, std_error=max(item.std_error, away), verdict="weak", reason=reason)
     estimate, deviation = ways.middle, max(ways.spread, item.std_error)
     reason = (
-        f"only {ways.share:.0%} of the deflection follows the torque: between {ways.direct:.3g} (torque on "
-        f"deflection) and {ways.inverse:.3g} (deflection on torque)"
+        f"{follows}: between {ways.direct:.3g} (torque on deflection) and {ways.inverse:.3g} (deflection on torque)"
     )
     if not deviation <= REFUSED * estimate:  # true for NaN too
         reason = f"standard error {deviation:.2g} against a value of {estimate:.2g}: {reason}"

@@ -273,6 +273,7 @@ def _left(found: Diagnosis, item: Unexplained) -> str:
     near = ", ".join(f"{missing.whose(n.effect, n.joint)} {share_text(n.gain)}" for n in item.nearest if n.gain > NEAR)
     none = f"no effect that elid knows takes away even {share_text(NEAR)}"
     none = "the search was stopped before all effects were tried" if found.partial else none
+    none = "elid identify sees it, below its own cut-off" if item.by_identify else none
     said = f"nearest, with the share that each would explain: {near}" if near else none
     return f"{size}{follows}{sticks}; {said}"
 

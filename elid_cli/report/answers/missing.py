@@ -134,6 +134,8 @@ def poorly_fitted(found: Diagnosis) -> Mapping[str, Unexplained]:
 
 def held_out_size(found: Diagnosis, item: Unexplained | RowState) -> tuple[float, float]:
     """Return the error of a row after on the held-out stretches, N·m (N), and over its noise: as all tables have it."""
+    if isinstance(item, Unexplained) and item.by_identify:
+        return item.rms, item.ratio
     error = found.after.get(item.joint)
     rms, floor = (None, None) if error is None else {
         "sum": (error.rms, error.floor), "link": (error.rms, error.floor),
