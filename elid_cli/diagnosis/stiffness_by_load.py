@@ -98,7 +98,7 @@ def _pulled(state: State, joint: int, load: Array, known: NDArray[np.bool_]) -> 
     moved[solution.basis] = covariance[:, own] / covariance[own, own] * by
     change = link_load(state, joint, moved)[known]
     change, size = change - change.mean(), load[known] - load[known].mean()
-    return float(abs(change @ size) / max(size @ size, 1e-300))
+    return abs(float(change @ size)) / max(float(size @ size), 1e-300)
 
 
 def _between_quarters(columns: Array, target: Array) -> float:
