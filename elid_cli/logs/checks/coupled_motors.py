@@ -12,6 +12,8 @@ from elid_cli.robot.robot import Robot
 
 LARGE = 0.02
 """Part of a joint's own motion from which theta - q is looked at."""
+STILL = 1e-9
+"""rad or m; spread of a position that does not move."""
 FOLLOWS = 0.999
 """Part of its variance that another joint's motion must explain: no deflection follows one so closely."""
 
@@ -25,7 +27,7 @@ def coupled_motors(q: Array, theta: Array, pairs: Sequence[Pair], robot: Robot) 
             continue
         for k, other in enumerate(robot.joint_names):
             moved = q[:, k] if np.isfinite(q[:, k]).all() else theta[:, k]
-            if k == pair.j or not np.isfinite(moved).all() or not float(np.std(moved)) > 0:
+            if k == pair.j or not np.isfinite(moved).all() or not float(np.std(moved)) > STILL:
                 continue
             share, level = np.polyfit(moved, apart, 1)
             if float(np.std(apart - share * moved - level)) ** 2 > (1.0 - FOLLOWS) * size**2:

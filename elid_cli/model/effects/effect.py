@@ -313,12 +313,7 @@ class Effect(ABC):
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return what the robot becomes (``simulated = "robot"``: a payload, a tilted base).
 
-        Parameters
-        ----------
-        robot, parameters
-            The robot and its standard parameters (p,) so far.
-        coefficients
-            The amplitudes, from `coefficients`.
+        `parameters` are its standard ones so far, (p,); the amplitudes are those of `coefficients`.
         """
         raise NotImplementedError(f"{self.name} does not alter the robot")
 
