@@ -36,9 +36,12 @@ class StandardParameter(str):
 
     def __new__(cls, kind: str, joint: int) -> StandardParameter:
         """Return the parameter of that kind of joint number `joint`, from 0."""
-        made = super().__new__(cls, f"{kind}{joint + 1}")
-        vars(made).update(kind=kind, joint=joint)
-        return made
+        known = _MADE.get((kind, joint))
+        if known is None:  # a value: one of each will do
+            known = super().__new__(cls, f"{kind}{joint + 1}")
+            vars(known).update(kind=kind, joint=int(joint))
+            _MADE[kind, joint] = known
+        return known
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         """Refuse: it is a value."""
@@ -47,6 +50,9 @@ class StandardParameter(str):
     def __getnewargs__(self) -> Any:
         """Return what a copy in another process is made from."""
         return self.kind, self.joint
+
+
+_MADE: dict[tuple[str, int], StandardParameter] = {}
 
 
 def parameter_named(name: str) -> StandardParameter | None:

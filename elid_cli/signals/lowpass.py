@@ -51,11 +51,16 @@ class LowPass:
         if every in self._thinned:
             return self._thinned[every]
         reach = -(-self.half // every) + REACH
-        offset = (np.arange(-self.half, self.half + 1)[:, None] - every * np.arange(-reach, reach + 1)) / every
+        taps = np.zeros(2 * reach + 1)
+        # where a tap lies between two of those samples, and which samples, `REACH` to either side, it is spread over
+        below, phase = np.divmod(np.arange(-self.half, self.half + 1), every)
+        near = np.arange(-REACH, REACH + 1)
+        offset = phase[:, None] / every - near
         window = np.i0(_WINDOW * np.sqrt(np.maximum(1.0 - (offset / REACH) ** 2, 0.0))) * (np.abs(offset) <= REACH)
         between = np.sinc(offset) * window
-        between /= between.sum(axis=1, keepdims=True)
-        self._thinned[every] = LowPass(self.taps @ between, self.step // every, self.cutoff)
+        between *= (self.taps / between.sum(axis=1))[:, None]
+        np.add.at(taps, below[:, None] + near + reach, between)
+        self._thinned[every] = LowPass(taps, self.step // every, self.cutoff)
         return self._thinned[every]
 
     def differentiated(self, dt: float) -> LowPass:

@@ -28,10 +28,10 @@ from elid_cli.signals.signals import Signals
 AGREEING, AGREED = 12, 1e-5
 """Most rounds in which predicted torque and friction that follows it come to agree, and the change, as a part of the
 torque, below which they do: a round leaves as much of the error as friction follows the motor's torque."""
-_CHUNK = 16384
+_CHUNK = 8192
 """Samples whose full-rate regressor is held at a time."""
-_KEPT = 32_000_000
-"""Bytes of a motion's full-rate regressor that are kept for further parameters."""
+_KEPT, _KEPT_SAMPLES = 32_000_000, 16384
+"""Bytes of a motion's full-rate regressor that are kept for further parameters, and samples of that motion."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,8 @@ def _torques(model: Regressor, played: _Played, standard: Array, of_links: NDArr
     torque = np.empty((motion.samples, len(weights)))
     for start in range(0, motion.samples, _CHUNK):
         part = slice(start, start + _CHUNK)
-        torque[part] = (weights @ (_run(program, motion[part]) if played.rows is None else played.rows)).T
+        rows = _run(program, motion[part]) if played.rows is None else played.rows[:, part]
+        torque[part] = (weights @ rows).T
     return torque[:, :n], torque[:, n:]
 
 
@@ -216,7 +217,7 @@ _PLAYED: Recent[_Played] = Recent(1)
 def _played(signals: Signals, program: Program) -> _Played:
     def made() -> _Played:
         motion = _joined(signals.motion, signals.segments)
-        kept = motion.samples <= _CHUNK and program.outputs * motion.samples * 8 <= _KEPT
+        kept = motion.samples <= _KEPT_SAMPLES and program.outputs * motion.samples * 8 <= _KEPT
         return _Played(motion, _run(program, motion) if kept else None, (signals, program))
 
     return _PLAYED.of((id(signals), id(program)), made)

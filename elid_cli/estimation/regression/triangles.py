@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import cast
 
@@ -33,7 +34,7 @@ class ExtraColumns:
     rows: Mapping[EstimationRow, Array]
     units: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Number of columns d; an effect outside the log acts in no row but keeps its amplitudes."""
         first = next(iter(self.rows.values()), None)
@@ -289,10 +290,11 @@ def parts_of(group: RowGroup, extras: Sequence[ExtraColumns], parameters: int) -
     index, columns = [group.index], [group.columns]
     place = parameters
     for extra in extras:
-        if group.row in extra.rows:
-            index.append(np.arange(place, place + extra.width, dtype=np.intp))
-            columns.append(extra.rows[group.row])
-        place += extra.width
+        width, own = extra.width, extra.rows.get(group.row)
+        if own is not None:
+            index.append(np.arange(place, place + width, dtype=np.intp))
+            columns.append(own)
+        place += width
     return np.concatenate(index), [*columns, group.target[None]]
 
 

@@ -31,6 +31,8 @@ from elid_cli.signals.motion import Motion
 SMOOTH: tuple[BaseTerm, ...] = (Rotor(), Viscous(), Spring())
 """Terms beside the bodies that no motion interrupts."""
 SIDES: tuple[Side, ...] = ("motor", "link")
+TOGETHER = 8192
+"""Samples whose kinematics are held at a time."""
 
 
 def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[float]) -> Array:
@@ -38,9 +40,11 @@ def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[
     values = dict(zip(robot.parameter_names(), np.nan_to_num(parameters).tolist(), strict=True))
     tilted = with_gravity(robot, gravity)
     torque = np.zeros((robot.n, q.shape[0]))
-    for _, joint, name, value in RigidBody().entries(tilted, _resting(tilted, q)):
-        if values[name]:
-            torque[joint] += np.asarray(value) * values[name]
+    for start in range(0, len(q), TOGETHER):
+        part = slice(start, start + TOGETHER)
+        for _, joint, name, value in RigidBody().entries(tilted, _resting(tilted, q[part])):
+            if values[name]:
+                torque[joint, part] += np.asarray(value) * values[name]
     return torque
 
 
@@ -109,9 +113,11 @@ def body_columns(robot: Robot, number: int, motion: Motion) -> Array:
     """Return the columns of a body's ten parameters in every link row, shape (n, 10, N)."""
     columns = np.zeros((robot.n, len(LINK_PARAMETERS), motion.samples))
     place = {StandardParameter(kind, number): k for k, kind in enumerate(LINK_PARAMETERS)}
-    for _, joint, name, value in RigidBody().entries(robot, _moving(robot, motion)):
-        if name in place:
-            columns[joint, place[name]] = np.asarray(value)
+    for start in range(0, motion.samples, TOGETHER):
+        part = slice(start, start + TOGETHER)
+        for _, joint, name, value in RigidBody().entries(robot, _moving(robot, motion[part])):
+            if name in place:
+                columns[joint, place[name], part] = np.asarray(value)
     return columns
 
 

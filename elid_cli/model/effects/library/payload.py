@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import Dependencies, combination, leftmost, tidy
 from elid_cli.model.effects.bodies import last_body
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.motion import random_motion
+from elid_cli.signals.motion import Motion, random_motion
 
 TOLERANCE = 1e-8
 """Share of a column that has to be new for it to count as independent of those before it."""
@@ -22,6 +23,8 @@ MARGIN = 0.04
 BEST = 3
 FARTHEST = 9.0
 """Times its usual size that the missing torque is taken for at most: six standard deviations of noise."""
+_LAST_BODY: Recent[tuple[Array, Motion, Robot]] = Recent(1)
+"""The columns along the motion that was asked about last, whatever the model's parameters are."""
 _UNITS = ("kg", *["kg·m"] * 3, *["kg·m²"] * 6)
 
 
@@ -64,7 +67,7 @@ class Payload(Effect):
             return []
         thin = slice(None, None, max(1, len(t) // THINNED))
         rows = _columns(scene)[:, :, thin]
-        gain = _gain(rows, _without_outliers((scene.tau - scene.predicted).T[:, thin]))
+        gain = _gain(rows, _without_outliers((scene.tau[thin] - scene.predicted[thin]).T))
         times = t[thin]
         gain[(times < times[0] + MARGIN * np.ptp(times)) | (times > times[-1] - MARGIN * np.ptp(times))] = 0.0
         found: list[tuple[float, ...]] = []
@@ -118,11 +121,13 @@ class Payload(Effect):
 
 def _columns(scene: Scene) -> Array:
     """Return the last body's columns, those that depend on others as zeros, (n, 10, N); shared by all starts."""
-    key = ("last body",)
-    if key not in scene.cache:
-        scene.cache[key] = last_body(scene.robot, scene.motion) * independent(scene.robot)[:, None]
-    found: Array = scene.cache[key]
-    return found
+
+    def made() -> tuple[Array, Motion, Robot]:
+        columns = last_body(scene.robot, scene.motion)
+        columns *= independent(scene.robot)[:, None]
+        return columns, scene.motion, scene.robot  # held, so that nothing else takes their place in memory
+
+    return _LAST_BODY.of((id(scene.motion), id(scene.robot)), made)[0]
 
 
 def _without_outliers(missing: Array) -> Array:
