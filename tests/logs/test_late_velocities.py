@@ -71,7 +71,8 @@ def test_a_late_position_bends_viscous_friction() -> None:
     gains = {"kp": np.full(q.shape, 20.0), "kd": np.full(q.shape, 0.5)}
     (said,) = late_velocities({"dq": dq, **gains}, q, np.ones(2, dtype=bool), DT, read_robot("planar2"))
     assert said.startswith("joint1 joint2: the position is late against the velocity by 6 ms")
-    assert "viscous frictions are too large by kp times that, 0.12 N·m·s/rad" in said
+    assert "viscous frictions fitted to the torque are right" in said
+    assert "fitted to the motion too small by kp times that, 0.12 N·m·s/rad" in said
 
 
 def test_joints_are_judged_by_the_velocity_that_they_have_and_only_where_a_torque_is_computed() -> None:
@@ -104,4 +105,5 @@ def test_identify_warns_of_a_filtered_velocity(tmp_path: Path, capsys: pytest.Ca
     (said,) = warnings["late"]
     # a first-order filter at 20 Hz is 8 ms late; kd is 1, 0.8 and 0.5 N·m·s/rad
     assert said.startswith("one two three: the velocity is late against the position by 7.")
-    assert "inertias are too large by kd times that, 0.0039 to 0.0077 kg·m²" in said
+    assert "those fitted to the motion too small by kd times that, 0.0039 to 0.0077 kg·m²" in said
+    assert said.count("fitted to the torque too large by as much") == 1

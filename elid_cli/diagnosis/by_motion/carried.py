@@ -13,8 +13,10 @@ from types import MappingProxyType
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.together import Kind
 from elid_cli.diagnosis.by_motion.torque_gains import CHECK, gain_name
 from elid_cli.diagnosis.result import Rival
+from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
@@ -139,24 +141,55 @@ class Carried(Change):
         return found
 
 
-def load_of(before: TrajectoryFit) -> Changed | None:
-    """Return the load of the last body that the motion asks for beside drives and delays; None where it asks for none.
+def kinds_of_loads(robot: Robot) -> list[Kind]:
+    """Return loads of the last body of every branch as kinds of changes; the first finds which of them there is."""
+    return [
+        Kind(load_of if k == 0 else None, lambda _, body=body: load_by(robot, body), local=False)  # type: ignore[misc]
+        for k, body in enumerate(last_bodies(robot) if may_carry(robot) else ())
+    ]
 
-    A robot with several last bodies is not looked at. A mass on the joint's own axis is no load: those of the bodies
-    before look the same.
+
+def load_of(before: TrajectoryFit) -> Changed | None:
+    """Return the load of a last body that the motion asks for beside drives and delays; None where it asks for none.
+
+    Of several branches, that with which the motion comes nearest. A mass on the joint's own axis is no load: those of
+    the bodies before look the same.
     """
-    return _load_at(before, -1)
+    robot, bodies = before.unknowns.robot, last_bodies(before.unknowns.robot)
+    if len(bodies) > 1:  # branches do not move each other: a first step tells which one it is
+        loads = {body: load_by(robot, body) for body in bodies}
+        steps = {body: _first_step(before, by) for body, by in loads.items() if by.kept and by.size > 0}
+        bodies = [max(steps, key=lambda body: steps[body])] if steps else []
+    return _nearest(before, bodies)
 
 
 def other_load_of(before: TrajectoryFit) -> Changed | None:
     """Return that of the other body with which the motion comes nearest; None where it asks for none."""
-    others = [_load_at(before, body) for body in reversed(range(before.unknowns.robot.n - 1))]
-    return max((one for one in others if one is not None), key=lambda one: nearer_by(one.fit, before), default=None)
+    robot = before.unknowns.robot
+    last = {body % robot.n for body in last_bodies(robot)}
+    return _nearest(before, [body for body in reversed(range(robot.n)) if body not in last])
+
+
+def last_bodies(robot: Robot) -> list[int]:
+    """Return the last body of every branch, by its joint; -1 where there is one branch."""
+    ends = sorted(set(range(robot.n)) - set(robot.parents), reverse=True)
+    return ends if len(ends) > 1 else [-1]
 
 
 def may_carry(robot: Robot) -> bool:
-    """Whether loads of a robot are looked at: it has one last body, and weight."""
-    return len(set(robot.parents)) == robot.n and any(robot.gravity)
+    """Whether loads of a robot are looked at: it has weight."""
+    return any(robot.gravity)
+
+
+def _first_step(before: TrajectoryFit, by: Carried) -> float:
+    """Return the sum over the joints of the logarithm by which a first step of a load lowers the error's size."""
+    moved = by.moved(before, before.unknowns.robot, np.zeros(by.count))
+    return float(-0.5 * np.log(Beside.of(before, moved).left).sum())
+
+
+def _nearest(before: TrajectoryFit, bodies: Sequence[int]) -> Changed | None:
+    found = (_load_at(before, body) for body in bodies)
+    return max((one for one in found if one is not None), key=lambda one: nearer_by(one.fit, before), default=None)
 
 
 def _load_at(before: TrajectoryFit, body: int) -> Changed | None:

@@ -107,14 +107,14 @@ class Together:
             len(self.changes) == 1 and replace(self.changes[0], fit=one).is_nearer(other)
         )
 
-    def explains(self, before: Array, signals: Signals, least: float) -> bool:
-        """Whether they take most of what a fit without leaves beyond the encoders' noise, by the mean over the joints.
+    def explains(self, before: Array, signals: Signals, least: float, part: float = EXPLAINED) -> bool:
+        """Whether they take a part of what a fit without leaves beyond the encoders' noise, by the mean over the joints.
 
         `before` is its error over the noise, (n,); joints from `least` on count.
         """
         off = before >= least
         bare, left = before[off] ** 2 - 1.0, np.maximum(self.fit.above_noise(signals)[off] ** 2 - 1.0, 0.0)
-        return bool(np.mean(left / bare) <= 1.0 - EXPLAINED) if off.any() else False
+        return bool(np.mean(left / bare) <= 1.0 - part) if off.any() else False
 
     def tuned(self, robot: Robot, plain: Sequence[Run]) -> Together:
         """Return the changes with the values that they have beside each other.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.carried import load_by, load_of, load_rivals, other_load_of
+from elid_cli.diagnosis.by_motion.carried import kinds_of_loads, load_rivals, other_load_of
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
 from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
@@ -52,6 +52,8 @@ CHANGES = 3
 HIDING = 1.03
 """Times the encoders' noise from which a load, whose many numbers imitate much, is asked for with something else beside
 it, and the masses of another body in place of what was found. Measured: what is right leaves 0.9 to 1."""
+HOPED = 0.3
+"""Part of the squared error beyond noise that other masses must take alone for a search to be made with them."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,10 @@ def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
     change = other_load_of(plain.plain) if may else None
     if change is None or not change.is_nearer(plain.plain):
         return found
-    other, _ = _by_asked(plain, log, Together.of(change, log.runs), ())
+    asked = Together.of(change, log.runs)
+    if not asked.explains(plain.plain.above_noise(log.signals), log.signals, DOUBTED, HOPED):
+        return found
+    other, _ = _by_asked(plain, log, asked, ())
     found = replace(found, done=replace(found.done, tried=found.done.tried + plain.robot.n - 1))
     if not other.changes or not clearly_nearer(other.done.after, found.done.after):
         return found
@@ -268,31 +273,34 @@ def _by_gains(found: Found, log: _Log, gains: Gains | None, scales: Sequence[Loa
                    rivals=rivals), log  # fmt: skip
 
 
-def _kinds(found: Found, log: _Log, whole: bool = True) -> dict[type[Effect], Kind]:
-    """Return the kinds of changes that have not been found; without `whole`, no load."""
-    kinds = {
-        effect_that(turns_gravity=True): Kind(tilt_of, lambda _: BaseAngles(), local=False),
-        effect_that(moves_zero=True): Kind(zeros_of, Zeros),
-        effect_that(nuisance="delay"): Kind(late_joints, LateJoints, least=LEAST, common=True),
+def _kinds(found: Found, log: _Log, but: type[Effect] | None = None) -> list[Kind]:
+    """Return the kinds of changes that have not been found, without one effect's."""
+    kinds = [
+        (effect_that(turns_gravity=True), Kind(tilt_of, lambda _: BaseAngles(), local=False)),
+        (effect_that(moves_zero=True), Kind(zeros_of, Zeros)),
+        (effect_that(nuisance="delay"), Kind(late_joints, LateJoints, least=LEAST, common=True)),
         # asked for alone where the bodies' weight shows them, see `_asked_gains`
-        effect_that(of_drive="gain"): Kind(None, lambda joints: gains_of(found.robot, joints)),
-        effect_that(of_drive="integral"): Kind(
-            lambda fit: integral_terms(fit, log.signals), lambda joints: terms_of(found.plain, joints)
+        (effect_that(of_drive="gain"), Kind(None, lambda joints: gains_of(found.robot, joints))),
+        (
+            effect_that(of_drive="integral"),
+            Kind(lambda fit: integral_terms(fit, log.signals), lambda joints: terms_of(found.plain, joints)),
         ),
-    }
-    if whole:
-        kinds[effect_that(local=True, whole_robot=True)] = Kind(load_of, lambda _: load_by(found.robot), local=False)
-    known = {change.by.kind for change in found.changes}
+        *((effect_that(local=True, whole_robot=True), kind) for kind in kinds_of_loads(found.robot)),
+    ]
+    known = {but, *(change.by.kind for change in found.changes)}
     known |= {effect_that(of_drive="gain")} if found.scaled.any() else set()
-    return {kind: one for kind, one in kinds.items() if log.may(kind) and kind not in known}
+    return [one for kind, one in kinds if log.may(kind) and kind not in known]
 
 
 def _asked_changes(found: Found, log: _Log, whole: bool = True) -> tuple[Found, Together | None, tuple[Rival, ...]]:
-    """Return the change that brings the motion clearly nearer, with what does as well; None where none does."""
-    kinds = _kinds(found, log, whole)
+    """Return the change that brings the motion clearly nearer, with what does as well; None where none does.
+
+    Without `whole`, no load.
+    """
+    kinds = _kinds(found, log, None if whole else effect_that(local=True, whole_robot=True))
     # what effects that were found hide is asked for beside them
     for near in (found.plain, *([found.done.after] if found.done.named else [])):
-        tried = [kind.alone(near) for kind in kinds.values() if kind.alone is not None]
+        tried = [kind.alone(near) for kind in kinds if kind.alone is not None]
         found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
         best, rivals = simplest([one for one in tried if one is not None], near)
         if best is not None:
@@ -335,10 +343,8 @@ def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Ite
     if again is not None:
         yield Together.of(again, log.runs), ()
     if change.by.whole:
-        others = _kinds(found, log)
-        del others[change.by.kind]
         alone = replace(asked, fit=done.before)
-        both = with_another(alone, found.robot, log.runs, others.values())
+        both = with_another(alone, found.robot, log.runs, _kinds(found, log, change.by.kind))
         if both is not None:
             best = both[0].changes[-1]
             yield both[0], [rival for twin in both[1]

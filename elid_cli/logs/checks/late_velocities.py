@@ -1,8 +1,9 @@
 """Whether a velocity is late against the position of its joint, where a torque is computed from both.
 
 Drives log a velocity that a filter has made late. Their own loop mostly takes the same one: then a computed torque is
-right. Where the loop has a faster velocity, every inertia comes out too large by ``kd`` times the delay, and no torque
-shows it.
+right, and a simulated drive, which takes the velocity of the moment, makes every inertia too small by ``kd`` times the
+delay. Where the loop has a faster velocity the simulation is right, and inertias fitted to the torque are too large by
+that. Neither torque nor motion shows which it is.
 """
 
 from __future__ import annotations
@@ -105,14 +106,16 @@ def _sentence(joints: list[Delay], gain: Array, robot: Robot, *, late: bool) -> 
     units = {frozenset({False}): (" kg·m²", " N·m·s/rad"), frozenset({True}): (" kg", " N·s/m")}
     inertia, viscous = units.get(frozenset(slides), ("", ""))
     if late:
-        what, other = "the velocity is late against the position", "a faster velocity"
-        bias = f"inertias are too large by kd times that, {_span(wrong)}{inertia}"
+        what, values = "the velocity is late against the position", "inertias"
+        bias = f"kd times that, {_span(wrong)}{inertia}"
     else:
-        what, other = "the position is late against the velocity", "a faster position"
-        bias = f"viscous frictions are too large by kp times that, {_span(wrong)}{viscous}"
+        what, values = "the position is late against the velocity", "viscous frictions"
+        bias = f"kp times that, {_span(wrong)}{viscous}"
     return (
-        f"{names}: {what} by {_span(1e3 * times)} ms, as a filter makes it. The torque is computed from both, as "
-        f"a drive does that takes the same ones. If the drive itself has {other}, {bias}: then log what the drive takes"
+        f"{names}: {what} by {_span(1e3 * times)} ms, as a filter makes it. If the drive takes the late one as well, "
+        f"{values} fitted to the torque are right, and those fitted to the motion too small by {bias}. If it has a "
+        f"faster one, those fitted to the motion are right, and those fitted to the torque too large by as much. "
+        f"The log does not show which: log what the drive takes"
     )
 
 
