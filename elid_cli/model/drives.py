@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from elid_cli._types import Array
 
 
@@ -20,6 +22,28 @@ class Drives:
     """Torque limits, N·m (N), (n,); infinite where there is none."""
     ki: Array | None = None
     """Integral gains, N·m/(rad·s), (S, n): ``- ki ∫ x dt`` from the start on is told as well; None: 0."""
+    smoothing: Array | None = None
+    """Time constants of the filters of velocity, s, (S, n): x' in ``kd x'`` passes a first-order one; None: 0."""
+
+
+def filter_weights(smoothing: Array, h: float) -> tuple[Array, Array, Array, Array]:
+    """Return how filters of velocity come along in a step of `h` s, over which the velocity goes straight.
+
+    Parameters
+    ----------
+    smoothing
+        Time constants, s, of any shape.
+    h
+        Step, s.
+
+    Returns
+    -------
+    What the filtered velocity takes of the velocity at the step's start, and of its change over the step: by the
+    middle, and by the end. Without a filter 1 and a half, 1 and 1.
+    """
+    rate = h / np.maximum(smoothing, 1e-9 * h)
+    half, whole = -np.expm1(-0.5 * rate), -np.expm1(-rate)
+    return half, 0.5 - half / rate, whole, 1.0 - whole / rate
 
 
 @dataclass(frozen=True)

@@ -129,9 +129,12 @@ def variants_of(
 def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
     """Return what acts on the coordinates of chains; nothing on links behind a spring."""
     held = owner >= 0
-    ki = np.zeros_like(drives.kp) if drives.ki is None else drives.ki
-    told, kp, kd, ki = (np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, ki))
-    return Drives(told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki)
+    none = np.zeros_like(drives.kp)
+    ki, smoothing = (none if part is None else part for part in (drives.ki, drives.smoothing))
+    told, kp, kd, ki, smoothing = (
+        np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, ki, smoothing)
+    )
+    return Drives(told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing)
 
 
 def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joints:

@@ -30,8 +30,9 @@ def compiled_steps() -> Callable[..., None] | None:
 
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls
-    mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, ki: Array, x0: Array,
-    v0: Array, inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array,
+    mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, ki: Array,
+    half_way: Array, ramp: Array, whole: Array, rise: Array, x0: Array, v0: Array, inertia: Array, coulomb: Array,
+    viscous: Array, offset: Array, limit: Array, friction: Array,
     width: Array, lead: Array, push: Array, grip: Array, dt: float, xs: Array, vs: Array,
 ) -> None:  # fmt: skip
     """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout.Local`."""
@@ -46,13 +47,14 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
         np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
         np.empty(size))  # fmt: skip
     soft, wide, ahead, slowed, summed = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    seen = np.empty(size)  # the velocity as a drive's filter has it
     for a in range(variants):
         for s in range(stretches):
             for c in range(chains):
                 for i in range(size):
                     x[i], v[i], held[i], gained[i] = x0[s, c, i], v0[s, c, i], 0.0, 0.0
                     wide[i], ahead[i], slowed[i], summed[i] = width[a, s, c, i], lead[a, s, c, i] / h, 0.0, 0.0
-                    xs[0, a, s, c, i], vs[0, a, s, c, i] = x[i], v[i]
+                    xs[0, a, s, c, i], vs[0, a, s, c, i], seen[i] = x[i], v[i], v[i]
                 for k in range(instants - 1):
                     for i in range(size):
                         # force and slope between two instants, and how they change, about where the motion is
@@ -61,8 +63,8 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             half = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
                             full = 0.5 * (mass[k, s, c, i, m] + mass[k + 1, s, c, i, m]) + 0.25 * h * h * half
                             bend[i, m], inverse[i, m] = half, full
-                        damping = viscous[a, s, c, i] + kd[s, c, i]
-                        inverse[i, i] += inertia[a, s, c, i] + 0.5 * h * damping + 0.25 * h * h * kp[s, c, i]
+                        damping = 0.5 * viscous[a, s, c, i] + ramp[s, c, i] * kd[s, c, i]
+                        inverse[i, i] += inertia[a, s, c, i] + h * damping + 0.25 * h * h * kp[s, c, i]
                     for n in range(size):  # Gauss-Jordan in place; a mass matrix needs no pivots
                         pivot = 1.0 / inverse[n, n]
                         inverse[n, n] = 1.0
@@ -88,10 +90,12 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             middle[i] = x[i] + 0.5 * h * v[i]
                             off[i] = middle[i] - (where[i] + w * move[i])
                         for i in range(size):
-                            drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i] - kd[s, c, i] * v[i]
+                            drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i]
+                            part = half_way[s, c, i]
+                            drive -= kd[s, c, i] * (part * v[i] + (1.0 - part) * seen[i])
                             drive -= ki[s, c, i] * (summed[i] + 0.5 * h * x[i])
                             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
-                            given = (0.5 * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
+                            given = (ramp[s, c, i] * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
                             drive = min(max(drive - given, -limit[a, s, c, i]), limit[a, s, c, i]) + given
                             drive -= offset[a, s, c, i]
                             drive -= viscous[a, s, c, i] * v[i] + pushed[i]
@@ -141,6 +145,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             summed[i] += h * x[i] + 0.25 * h * h * (v[i] + faster[i])
                             x[i] += 0.5 * h * (v[i] + faster[i])
                             gained[i] = faster[i] - v[i]
+                            seen[i] += whole[s, c, i] * (v[i] - seen[i]) + rise[s, c, i] * gained[i]
                             v[i] = faster[i]
                     for i in range(size):
                         xs[k + 1, a, s, c, i], vs[k + 1, a, s, c, i] = x[i], v[i]

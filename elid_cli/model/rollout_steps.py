@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.drives import Drives, Joints
+from elid_cli.model.drives import Drives, Joints, filter_weights
 from elid_cli.model.linearised import Local
 from elid_cli.model.rollout_loops import SWEEPS, compiled_steps, faded
 from elid_cli.model.rollout_loops import steps as plain_steps
@@ -27,12 +27,17 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
         joints.inertia, joints.coulomb, joints.viscous, joints.offset, drives.limit, *_fading(joints))]  # fmt: skip
     flat += [np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints)]
     ki = np.zeros_like(drives.kp) if drives.ki is None else drives.ki
-    arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, ki, *start)
+    weights = _weights(drives, dt / (len(drives.told) // max(len(part.force) - 1, 1)))
+    arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, ki, *weights, *start)
     # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
     ready = (np.require(values, requirements=("C", "W")) for values in (*arrays, *flat))
     with np.errstate(all="ignore"):  # of what runs away, as the compiled loops have it
         take(*ready, dt, x, v)
     return x, v
+
+
+def _weights(drives: Drives, h: float) -> tuple[Array, Array, Array, Array]:
+    return filter_weights(np.zeros_like(drives.kp) if drives.smoothing is None else drives.smoothing, h)
 
 
 def _fading(joints: Joints) -> tuple[Array, Array, Array]:
@@ -62,6 +67,7 @@ def advance_arrays(
     positions, velocities = np.empty((2, instants, *shape))
     positions[0], velocities[0] = x, v
     held, gained, summed = np.zeros((3, *shape))
+    seen, (half, ramp, whole, rise) = v.copy(), _weights(drives, h)  # the velocity as a drive's filter has it
     ki = 0.0 if drives.ki is None else drives.ki
     push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
@@ -72,7 +78,7 @@ def advance_arrays(
         mass = np.broadcast_to(0.5 * (part.mass[k] + part.mass[k + 1]), (*shape, size)).copy()
         mass[..., diagonal, diagonal] += joints.inertia
         full = mass + 0.25 * h * h * bend
-        full[..., diagonal, diagonal] += 0.5 * h * (joints.viscous + drives.kd) + 0.25 * h * h * drives.kp
+        full[..., diagonal, diagonal] += h * (0.5 * joints.viscous + ramp * drives.kd) + 0.25 * h * h * drives.kp
         inverse = np.linalg.inv(full)
         give = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
         columns = [inverse[..., :, i] for i in every]
@@ -83,9 +89,10 @@ def advance_arrays(
         pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
         for j in range(steps):
             middle = x + 0.5 * h * v
-            drive = drives.told[k * steps + j] - drives.kp * middle - drives.kd * v - ki * (summed + 0.5 * h * x)
+            drive = drives.told[k * steps + j] - drives.kp * middle - ki * (summed + 0.5 * h * x)
+            drive -= drives.kd * (half * v + (1.0 - half) * seen)
             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
-            given = (0.5 * drives.kd + 0.25 * h * drives.kp) * gained
+            given = (ramp * drives.kd + 0.25 * h * drives.kp) * gained
             drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
             drive -= pulled + (j + 0.5) * pull
             drive -= _times(bend, middle - (place + (j + 0.5) * move))
@@ -111,6 +118,7 @@ def advance_arrays(
                     held[here] = now
             x, before = x + 0.5 * h * (v + faster), x
             summed += 0.5 * h * (before + x)
+            seen = (1.0 - whole) * seen + whole * v + rise * (faster - v)
             gained, v = faster - v, faster
         positions[k + 1], velocities[k + 1] = x, v
     return positions, velocities

@@ -75,6 +75,10 @@ class Run:
         of_drives = replace(self, drives=replace(self.drives, ki=rate * self.drives.kp))
         return of_drives.delayed(np.zeros(len(rate)) + late)
 
+    def filtered(self, times: Array) -> Run:
+        """Return the run with drives that filter the velocity with time constants (n,), s."""
+        return replace(self, drives=replace(self.drives, smoothing=times))
+
     def pushed(self, torque: Array) -> Run:
         """Return the run whose drives are told a further torque, N·m (N), (n,), once it is `delayed`."""
         return replace(self, told=None if self.told is None else self.told + torque)
@@ -97,7 +101,8 @@ class Run:
         told = np.stack([run.drives.told for run in runs], axis=1)
         kp, kd = np.stack([run.drives.kp for run in runs]), np.stack([run.drives.kd for run in runs])
         ki = None if first.ki is None else np.stack([run.drives.ki for run in runs if run.drives.ki is not None])
-        drives = Drives(told, kp, kd, first.limit, ki)
+        times = [run.drives.smoothing for run in runs if run.drives.smoothing is not None]
+        drives = Drives(told, kp, kd, first.limit, ki, np.stack(times) if times else None)
         start = (np.stack([run.start[0] for run in runs]), np.stack([run.start[1] for run in runs]))
         near = np.stack([run.near for run in runs], axis=1)
         measured = np.stack([run.measured for run in runs], axis=1)

@@ -40,6 +40,7 @@ from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
 from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
+from elid_cli.estimation.trajectory.velocity_filters import filters_of, velocity_filters
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import with_drives
@@ -279,6 +280,7 @@ def _kinds(found: Found, log: _Log, but: type[Effect] | None = None) -> list[Kin
         (effect_that(turns_gravity=True), Kind(tilt_of, lambda _: BaseAngles(), local=False)),
         (effect_that(moves_zero=True), Kind(zeros_of, Zeros)),
         (effect_that(nuisance="delay"), Kind(late_joints, LateJoints, least=LEAST, common=True)),
+        (effect_that(of_drive="filter"), Kind(velocity_filters, lambda joints: filters_of(found.robot, joints))),
         # asked for alone where the bodies' weight shows them, see `_asked_gains`
         (effect_that(of_drive="gain"), Kind(None, lambda joints: gains_of(found.robot, joints))),
         (

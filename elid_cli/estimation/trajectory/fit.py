@@ -75,6 +75,8 @@ class TrajectoryFit:
     """Standard errors of the joints' own delays beside those of the recordings, s, (n,)."""
     doubted: Array | float = 0.0
     """By how much later than here the drives of joints may act, s, (n,), negative earlier: the errors count it."""
+    filters: Array | float = 0.0
+    """Time constants of filters of velocity with which the motion is nearer, s, (n,): the errors count them."""
     held: TrajectoryFit | None = None
     """The fit with friction that holds a joint at rest, of one in which it was found to fade in at some joints."""
 

@@ -34,17 +34,19 @@ from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
+from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt
 from elid_cli.estimation.trajectory.words import (
     bodies_words,
     difference_words,
     doubt_words,
+    filter_words,
     late_words,
     loop_words,
     softness_words,
 )
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.of_drives import as_acting, declared_gains, declared_integrals
+from elid_cli.model.effects.of_drives import as_acting, declared_filters, declared_gains, declared_integrals
 from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised
@@ -135,7 +137,7 @@ def fit_of(
             alone = None
             errors[list(apart.by.joints)] = apart.deviations
             fit, columns = apart.aware(), columns_of(apart.fit)
-        fit = replace(with_doubts(fit, alone), apart=errors)
+        fit = with_filters_in_doubt(replace(with_doubts(fit, alone), apart=errors), signals)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
@@ -160,7 +162,7 @@ def unsuited(robot: Robot) -> str:
             return f"{joint.name} has a gear_ratio: this fit finds the reflected inertia Ja"
     for spec in robot.effects:
         kind, _ = resolve(robot, spec)
-        known = kind.nuisance in ("offset", "delay") or kind.of_drive in ("gain", "integral")
+        known = kind.nuisance in ("offset", "delay") or kind.of_drive in ("gain", "integral", "filter")
         if not (can_act(kind) or known or kind.turns_gravity or kind.moves_zero):
             return f"it does not hold the effect {spec.effect} that the robot file declares"
     return ""
@@ -178,9 +180,11 @@ def commanded_runs(recording: Recording, robot: Robot) -> list[Run]:
     declared_late = declared_shifts(robot).torque
     if np.ptp(declared_late) > 0:  # what all have in common is each recording's own
         every = [run.later(declared_late - np.median(declared_late)) for run in every]
-    gains, rates = declared_gains(robot), declared_integrals(robot)
+    gains, rates, times = declared_gains(robot), declared_integrals(robot), declared_filters(robot)
     if rates.any():
         every = [run.integrating(rates) for run in every]
+    if times.any():
+        every = [run.filtered(times) for run in every]
     if np.any(gains != 1.0):
         every = [run.delivering(gains) for run in every]
     # the first moments of a stretch do not count (`Tracked.counts`): as much again must be left
@@ -278,8 +282,10 @@ def identification_of(
     beyond = {name: ratio for name, ratio in above.items() if ratio >= ABOVE}
     # that the residual of least squares, whose bodies are free, holds noise alone says nothing of the simulated motion
     model: ModelWord = "not judged" if found.model == "sufficient" and beyond else found.model
-    explained = not bodies and is_at_noise(above, fit)
-    known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies)}
+    times = np.broadcast_to(fit.filters, robot.n).tolist()
+    slow = {name: time for name, time in zip(robot.joint_names, times, strict=True) if time}
+    explained = not bodies and not slow and is_at_noise(above, fit)
+    known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies), "velocity_filters": slow}
     return by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),
         error=error,
@@ -289,8 +295,8 @@ def identification_of(
         effects=fitted_effects(robot, fit),
         notes=(note, *apart, *doubt_words(robot, fit), *loop_words(robot, fit, signals, moves)),
         settings={**settings_of(found, fit, moves), **known},
-        warnings=bodies_words(robot, bodies),
-        model="sufficient" if explained else model,
+        warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit)),
+        model="sufficient" if explained else "insufficient" if slow else model,
         insufficient=() if explained else found.insufficient,
         noise=() if explained else found.noise,
         still=np.any(base.transform[:, places[~shown]] != 0, axis=1),

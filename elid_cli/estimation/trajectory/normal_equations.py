@@ -157,8 +157,8 @@ def _stepped(
         joints = replace(joints, push=joints.push - known[:, None, None], damping=damping)
         local = replace(local, slope=local.slope + np.diag(stiffness))
     drives = run.drives
-    ki = None if drives.ki is None else drives.ki[None]
-    alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, ki)
+    ki, smoothing = (None if part is None else part[None] for part in (drives.ki, drives.smoothing))
+    alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, ki, smoothing)
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
     x, v = x[:, :, 0], v[:, :, 0]
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,18 +50,38 @@ def doubt_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
             "and the standard errors count it",)  # fmt: skip
 
 
+def filter_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return that the motion is nearer with filters of the drives' velocity, in a sentence; none where it is not."""
+    times = np.broadcast_to(fit.filters, robot.n)
+    slow = np.flatnonzero(times)
+    if not len(slow):
+        return ()
+    return (
+        f"the motion of {in_words([robot.joint_names[k] for k in slow])} is nearer with a filter of the velocity that "
+        f"the drive damps by, of {_span(1e3 * times[slow])} ms. Without it, as here, motor "
+        "inertias are too small by kd times that, and the standard errors count it: elid diagnose names it, and writes "
+        "a robot that has it",
+    )
+
+
 def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
     """Return that the motion asks for other bodies than the file's, in a sentence; none where it does not."""
     if not bodies:
         return ()
-    least, most = (f"{100 * pick(bodies.values()):.2g}" for pick in (min, max))
-    share = most if least == most else f"{least} to {most}"
+    share = _span([100 * part for part in bodies.values()])
     return (
         f"the motion of {in_words(list(bodies))} asks for other bodies than {robot.name} describes: they take {share} "
         "% off its squared error where it was not fitted. Values and standard errors are those with the bodies of the "
         "file: masses may be wrong (--fit torque estimates them), or something is missing that imitates them, such as "
         "a spring (elid diagnose)",
     )
+
+
+def _span(values: Iterable[float]) -> str:
+    """Return the least and the greatest of numbers, in words, or the one that both are."""
+    every = list(values)
+    least, most = f"{min(every):.2g}", f"{max(every):.2g}"
+    return least if least == most else f"{least} to {most}"
 
 
 def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArray[np.bool_]) -> tuple[str, ...]:
@@ -96,10 +116,12 @@ def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:
     if not gains:
         return []
     leads = [1e3 * effect.shape[1] for effect in fit.effects if effect.softens]
-    ahead = f", and acts {min(leads):.2g} to {max(leads):.2g} ms ahead of it" if max(leads) > AHEAD else ""
+    ahead = f", and acts {_span(leads)} ms ahead of it" if max(leads) > AHEAD else ""
     less = 100 * min(gains.values())
     return [
-        f"friction of {', '.join(gains)} does not hold a joint at rest, but fades in over a speed{ahead}, as "
-        f"simulators smooth it (MuJoCo's default acts 9.5 ms ahead): that takes {less:.2g} % or more off the squared "
-        "error of motion that was not fitted, and moves other values, above all armature, viscous friction and delay"
+        f"friction of {', '.join(gains)} is simulated as one that fades in over a speed{ahead}, as simulators smooth "
+        f"it (MuJoCo's default acts 9.5 ms ahead), not as one that holds a joint at rest: that takes {less:.2g} % or "
+        "more off the squared error of motion that was not fitted, and moves other values, above all armature, viscous "
+        "friction and delay. What else changes where a joint turns round, such as Stribeck friction or play, looks "
+        "like it (elid diagnose)"
     ]

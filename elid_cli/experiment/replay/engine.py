@@ -80,11 +80,16 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
     data.qpos[at], data.qvel[dof] = x[:n], v[:n]
     drives = run.drives
     found, summed = np.empty((len(run.t), n)), np.zeros(n)
+    smoothed = None if drives.smoothing is None else np.array(x[motor] * 0.0 + v[motor])
+    weights = 0.0 if drives.smoothing is None else -np.expm1(-model.opt.timestep / np.maximum(drives.smoothing, 1e-9))
     found[0] = data.qpos[at]
     for k in range(len(run.t) - 1):
         for j in range(steps * finer):
             turned, turning = data.qpos[own] / turns, data.qvel[push] / turns
-            torque = drives.told[k * steps + j // finer] - drives.kp * turned - drives.kd * turning
+            if smoothed is not None:
+                smoothed += weights * (turning - smoothed)
+            damped = turning if smoothed is None else smoothed
+            torque = drives.told[k * steps + j // finer] - drives.kp * turned - drives.kd * damped
             if drives.ki is not None:
                 torque -= drives.ki * summed
                 summed += turned * model.opt.timestep

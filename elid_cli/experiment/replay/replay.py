@@ -23,7 +23,7 @@ from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.drives import Joints
 from elid_cli.model.effects.declared import resolve
-from elid_cli.model.effects.of_drives import declared_gains, declared_integrals
+from elid_cli.model.effects.of_drives import declared_filters, declared_gains, declared_integrals
 from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised, Local
@@ -135,10 +135,12 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     _no_driving_friction(robot)
     offsets, left_out = _of_channels(robot)
     delays, gains, rates = declared_shifts(robot).torque, declared_gains(robot), declared_integrals(robot)
+    times = declared_filters(robot)
     recording = with_commands(recording, options.commands, commanded=by_commands)
     runs = runs_of(recording, robot, horizon, delays, commanded=by_commands)
     if by_commands and rates.any():
         runs = [run.integrating(rates, delays) for run in runs]
+    runs = [run.filtered(times) for run in runs] if by_commands and times.any() else runs
     runs = [run.delivering(gains) for run in runs] if np.any(gains != 1.0) else runs
     if not runs:
         raise LogError("the log has no stretch that is long enough to be replayed")
@@ -241,6 +243,6 @@ def _of_channels(robot: Robot) -> tuple[Array, tuple[str, ...]]:
         kind, joint = resolve(robot, spec)
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
-        elif not (kind.of_drive in ("gain", "integral") or kind.corrects or kind.of_channel or can_act(kind)):
+        elif not (kind.of_drive in ("gain", "integral", "filter") or kind.corrects or kind.of_channel or can_act(kind)):
             left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
     return offsets, tuple(left)

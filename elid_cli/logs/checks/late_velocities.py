@@ -3,7 +3,7 @@
 Drives log a velocity that a filter has made late. Their own loop mostly takes the same one: then a computed torque is
 right, and a simulated drive, which takes the velocity of the moment, makes every inertia too small by ``kd`` times the
 delay. Where the loop has a faster velocity the simulation is right, and inertias fitted to the torque are too large by
-that. Neither torque nor motion shows which it is.
+that. The torque does not show which it is; fast motion may.
 """
 
 from __future__ import annotations
@@ -105,9 +105,11 @@ def _sentence(joints: list[Delay], gain: Array, robot: Robot, *, late: bool) -> 
     slides = {robot.joints[d.joint].type == "prismatic" for d in joints}
     units = {frozenset({False}): (" kg·m²", " N·m·s/rad"), frozenset({True}): (" kg", " N·s/m")}
     inertia, viscous = units.get(frozenset(slides), ("", ""))
+    told = "The torque does not show which"
     if late:
         what, values = "the velocity is late against the position", "inertias"
         bias = f"kd times that, {_span(wrong)}{inertia}"
+        told += "; where the motion does, elid diagnose names a velocity_filter"
     else:
         what, values = "the position is late against the velocity", "viscous frictions"
         bias = f"kp times that, {_span(wrong)}{viscous}"
@@ -115,7 +117,7 @@ def _sentence(joints: list[Delay], gain: Array, robot: Robot, *, late: bool) -> 
         f"{names}: {what} by {_span(1e3 * times)} ms, as a filter makes it. If the drive takes the late one as well, "
         f"{values} fitted to the torque are right, and those fitted to the motion too small by {bias}. If it has a "
         f"faster one, those fitted to the motion are right, and those fitted to the torque too large by as much. "
-        f"The log does not show which: log what the drive takes"
+        f"{told}: log what the drive takes"
     )
 
 

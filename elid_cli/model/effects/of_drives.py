@@ -37,7 +37,12 @@ def declared_integrals(robot: Robot) -> Array:
     return np.maximum(_declared(robot, "integral"), 0.0)
 
 
-def _declared(robot: Robot, which: Literal["gain", "integral"]) -> Array:
+def declared_filters(robot: Robot) -> Array:
+    """Return the time constant of the filter of velocity of every joint's drive, s, (n,)."""
+    return np.maximum(_declared(robot, "filter"), 0.0)
+
+
+def _declared(robot: Robot, which: Literal["gain", "integral", "filter"]) -> Array:
     """Return the amplitudes of the declared effects of drives, (n,)."""
     found = np.zeros(robot.n)
     for spec in robot.effects:

@@ -89,6 +89,12 @@ def _far_motion(found: Identification) -> str:
     """Return that a trajectory fit leaves more than noise where least squares do not, in a sentence; else nothing."""
     told = found.settings.get("trajectory")
     beyond: Mapping[str, float] = told.get("beyond_noise", {}) if isinstance(told, dict) else {}
+    slow: Mapping[str, float] = told.get("velocity_filters", {}) if isinstance(told, dict) else {}
+    if slow:
+        return (
+            f"Something: the motion of {listed(list(slow))} is nearer with a filter of the velocity that the drive "
+            "damps by, which makes motor inertias come out too small. elid diagnose names it."
+        )
     if found.model == "not judged" and beyond:
         return (
             "Something: the simulated motion is off by more than the encoders' noise at "

@@ -42,7 +42,7 @@ def moved(
     push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,
-    resting: bool = False, count: float = 0.0, rates: bool = True,
+    resting: bool = False, count: float = 0.0, rates: bool = True, smoothing: float = 0.0,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
@@ -51,7 +51,8 @@ def moved(
     `limit`. Gravity is turned by `tilt`, rad, about the pendulums' axes; one of each, (3,), is its encoder's zero.
     The drives add up `integral` times the error, N·m/(rad·s), and have `held`, N·m, when the log begins. Commands go
     from pose to pose and rest there where `resting`; encoders read whole multiples of a `count`, rad. Drives are told
-    the rates of their positions where `rates`, else that they are to stand still.
+    the rates of their positions where `rates`, else that they are to stand still. Their damping takes the velocity of
+    a first-order filter of time constant `smoothing`, s.
     """
     rng = np.random.default_rng(seed)
     samples, fine = round(duration / DT) + 1, round(DT / STEP)
@@ -75,6 +76,7 @@ def moved(
         KP, KD, OFFSET, VISCOUS, COULOMB, inertia
     )]  # fmt: skip
     x, v = x.tolist(), v.tolist()
+    filtered, part = list(v), 1.0 - math.exp(-STEP / smoothing) if smoothing else 1.0
 
     def of(torque: Extra | None, where: list[float], speed: list[float]) -> list[float]:
         if torque is None:
@@ -87,7 +89,9 @@ def moved(
         for j, (kp, kd, offset, viscous, coulomb, mass, more, held_by) in enumerate(
             zip(*constants, of(push, where, speed), of(grip, where, speed), strict=True)
         ):
-            asked = kp * (told_q[j][told[j]] - where[j]) + kd * (told_dq[j][told[j]] - speed[j])
+            asked = kp * (told_q[j][told[j]] - where[j]) + kd * (
+                told_dq[j][told[j]] - (filtered[j] if smoothing else speed[j])
+            )
             torque = min(max(asked + summed[j], -top[j]), top[j]) - offset - viscous * speed[j]
             pulled = (torque - (weight[j] * math.sin(where[j] - turned[j]) + more)) / mass
             braked, own = (coulomb + held_by) / mass, v[j]
@@ -106,6 +110,7 @@ def moved(
             bodies[j] = legs[j] * (after[j] - v[j]) / STEP + weight[j] * math.sin(x[j] - turned[j])
             summed[j] += rise[j] * STEP * (told_q[j][told[j]] - x[j] - 0.25 * STEP * (v[j] + after[j]))
             x[j] += 0.5 * STEP * (v[j] + after[j])
+            filtered[j] += part * (0.5 * (v[j] + after[j]) - filtered[j])
         v = after
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(samples), -0.9 * DT, 0.9 * DT)

@@ -40,8 +40,9 @@ def test_bodies_that_come_nearer_than_effects_are_told_first(
 ) -> None:
     path = plant.robot(tmp_path).source
     text = Path(path).read_text()
-    # a body of another mass alone, at another place: neither a gain nor a spring is the same
-    Path(path).write_text(text.replace('pos="0 0 -0.2" mass="0.8"', 'pos="0.05 0 -0.12" mass="0.7"'))
+    # bodies of another mass, at other places: neither a gain nor a spring is the same, nor a load of one of them
+    text = text.replace('pos="0 0 -0.2" mass="0.8"', 'pos="0.05 0 -0.12" mass="0.7"')
+    Path(path).write_text(text.replace('pos="0 0 -0.15" mass="0.5"', 'pos="0.06 0 -0.1" mass="0.45"'))
     log, out = plant.written(tmp_path, "log.h5", plant.moved(5, 7.0)), str(tmp_path / "found.yaml")
     assert main(["diagnose", log, "--robot", path, "--write-robot", out, "--json", "--fail-on-effect"]) == 1
     said = capsys.readouterr()

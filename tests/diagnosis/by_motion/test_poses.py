@@ -150,8 +150,9 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     turned = Turned(BaseAngles(), np.array([0.1, 0.0]), np.array([0.001, np.inf]), SimpleNamespace(n=joints), fit)  # type: ignore[arg-type]
     monkeypatch.setattr(whole_robot, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
-    for other in ("zeros_of", "late_joints", "integral_terms", "load_of"):
+    for other in ("zeros_of", "late_joints", "integral_terms", "velocity_filters"):
         monkeypatch.setattr(whole_robot, other, lambda *_: None)
+    monkeypatch.setattr(whole_robot, "kinds_of_loads", lambda _: [])
     none = np.zeros(joints, dtype=bool)
     found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, (), None, None)  # type: ignore[arg-type]
     log = whole_robot._Log(None, [], ([], []), (), None)  # type: ignore[arg-type]

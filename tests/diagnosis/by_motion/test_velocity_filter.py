@@ -1,0 +1,84 @@
+"""Drives that damp by a filtered velocity, told by the motion of a plant that shares no code with elid."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.experiment.replay.replay import ReplayOptions, replay
+from elid_cli.logs.reading import read_recording
+from elid_cli.model.drives import filter_weights
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.text import text_of
+from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, KD, OFFSET, VISCOUS, moved, robot, written
+
+TIME = 5e-3
+"""s."""
+TRIED = ("velocity_filter", "torque_delay", "integral_action")
+TRUTH = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
+
+
+def test_filters_come_along_as_their_equation_says() -> None:
+    step, times = 1e-3, np.array([0.0, 2e-4, 5e-3])
+    half, ramp, whole, rise = filter_weights(times, step)
+    seen, v, gain, fine = np.full(3, 0.3), 1.0, 0.4, 20000
+    expected = []
+    for k in range(fine):  # by small steps
+        now = v + gain * (k + 0.5) / fine
+        seen = np.where(times > 0, seen + (now - seen) * -np.expm1(-step / fine / np.maximum(times, 1e-9)), now)
+        if k in (fine // 2 - 1, fine - 1):
+            expected.append(seen)
+    for (at_start, change), found in zip(((half, ramp), (whole, rise)), expected, strict=True):
+        np.testing.assert_allclose((1 - at_start) * 0.3 + at_start * v + change * gain, found, rtol=1e-4)
+
+
+def test_filters_of_velocity_are_named_and_the_written_robot_has_them(tmp_path: Path) -> None:
+    arm, recording = robot(tmp_path), moved(6, 10.0, delay=0.002, smoothing=TIME)
+    found = diagnose_motion(
+        arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm), None, TRIED
+    )
+    assert [(e.effect, e.joint) for e in found.effects] == [("velocity_filter", name) for name in arm.joint_names]
+    for effect in found.effects:
+        assert abs(effect.parameters["time"] - TIME) < 4 * effect.std_error["time"] + 1e-4
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)
+    z = (found.fit_after.values - TRUTH) / error
+    assert np.abs(z[:, 1:]).max() < 5
+    np.testing.assert_allclose(found.fit_after.values[:, 0], ARMATURE, rtol=0.06)
+    # without them the inertias are too small by kd times the time
+    np.testing.assert_allclose(found.fit_before.values[:, 0] - ARMATURE, -KD * TIME, rtol=0.25)
+
+    file, other = tmp_path / "found.yaml", moved(8, 8.0, delay=0.002, smoothing=TIME)
+    file.write_text(text_of(found.refined))
+    again = read_robot(file)
+    assert replay(again, other).mean_abs < 1.3e-4
+    in_mujoco, without = (
+        replay(one, other, ReplayOptions(engine="mujoco")).mean_abs for one in (again, replace(again, effects=()))
+    )
+    assert in_mujoco < 0.2 * without  # its steps leave as much as the noise
+
+
+def test_identify_counts_filters_that_it_does_not_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = robot(tmp_path)
+    told = {}
+    for name, smoothing in (("plain", 0.0), ("slow", TIME)):
+        log = written(tmp_path, f"{name}.h5", moved(6, 10.0, delay=0.002, smoothing=smoothing))
+        assert main(["identify", log, "--robot", str(arm.source), "--fit", "trajectory", "--json"]) == 0
+        told[name] = json.loads(capsys.readouterr().out)
+    assert told["plain"]["settings"]["trajectory"]["velocity_filters"] == {}
+    assert told["plain"]["model"] == "sufficient"
+    slow = told["slow"]
+    assert list(slow["settings"]["trajectory"]["velocity_filters"]) == list(arm.joint_names)
+    assert slow["model"] == "insufficient"
+    assert any("nearer with a filter of the velocity" in warning for warning in slow["warnings"])
+    for name, armature in zip(arm.joint_names, ARMATURE, strict=True):
+        value = slow["settings"]["trajectory"]["joint_parameters"][name]["Ja"]
+        assert value["estimate"] < 0.9 * armature
+        assert abs(value["estimate"] - armature) < 2 * value["std_error"]
+        assert told["plain"]["settings"]["trajectory"]["joint_parameters"][name]["Ja"]["std_error"] < 0.02 * armature
