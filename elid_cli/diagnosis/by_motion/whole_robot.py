@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.carried import kinds_of_loads, load_rivals, other_load_of
+from elid_cli.diagnosis.by_motion.found import Found
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
 from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
@@ -35,7 +35,7 @@ from elid_cli.diagnosis.by_motion.torque_gains import (
 )
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
-from elid_cli.estimation.trajectory.changes import Changed, retuned
+from elid_cli.estimation.trajectory.changes import retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
@@ -55,50 +55,6 @@ HIDING = 1.03
 it, and the masses of another body in place of what was found. Measured: what is right leaves 0.9 to 1."""
 HOPED = 0.3
 """Part of the squared error beyond noise that other masses must take alone for a search to be made with them."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a search came to, with what acts on the whole."""
-
-    done: Searched
-    """`before` is the fit of the robot as it is described."""
-    plain: TrajectoryFit
-    """The fit without effects beside what acts on the whole."""
-    robot: Robot
-    """The robot as it is changed."""
-    ratio: Array
-    """What the computed torque of every joint is over the one that acts, (n,)."""
-    scaled: NDArray[np.bool_]
-    """Joints where that is named, (n,)."""
-    changes: tuple[Changed, ...]
-    """Angles of the base, zeros of encoders, delays of some drives: each as found with those before it."""
-    gains: Gains | None
-    """The fit by drives of another torque at the other joints that are doubted."""
-    taken: Gains | None
-    """The one whose gains are named."""
-    rivals: tuple[Rival, ...] = ()
-    """What does as well as these."""
-
-    @property
-    def rates(self) -> Array:
-        """Integral over proportional gain of every joint's drive beyond what is declared, 1/s, (n,)."""
-        found: Array = np.sum([np.zeros(self.robot.n), *(change.rates for change in self.changes)], axis=0)
-        return found
-
-    @property
-    def acting(self) -> Array:
-        """`ratio`, with the gains that were found beside a change."""
-        found: Array = np.prod([self.ratio, *(change.ratio for change in self.changes)], axis=0)
-        return found
-
-    @property
-    def written(self) -> Robot:
-        """The robot as it is changed, with bodies that can be built."""
-        robot = self.robot
-        for change in self.changes:
-            robot = change.by.written(robot, change.level)
-        return robot
 
 
 def searched(

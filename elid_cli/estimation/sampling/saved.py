@@ -41,6 +41,8 @@ class SavedDistribution:
     """Whether what the model lacks can move it, (b,)."""
     channels: tuple[str, ...] = ()
     """Offsets and delays of drives that a fit of simulated motion found beside: ``torque_offset hip``."""
+    bodies_held: bool = False
+    """Whether it is a fit of simulated motion, which has the bodies of the robot file."""
     lacking: tuple[tuple[str, str | None], ...] = ()
     """Effects that a diagnosis found the robot to lack, each with its joint; None: of the whole robot."""
 
@@ -106,6 +108,7 @@ def distribution_of(data: Mapping[str, Any], path: str) -> SavedDistribution:
         covariance=_matrix(data["covariance"], len(entries), path),
         biased=np.array([e.get("bias_possible") is True for e in entries]),
         channels=_channels(data),
+        bodies_held=data.get("estimator") == "trajectory",
         lacking=_lacking(data),
     )
     if len(set(found.names)) < len(found.names):

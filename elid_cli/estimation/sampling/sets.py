@@ -103,7 +103,8 @@ def sample(
         notes.append(
             f"the base parameters are not those of {robot.name}: its geometry or gears differ from those of the results"
         )
-    whole, origin, said = whole_sets(robot, base, found, rows, values, generator)
+    held = all(result.bodies_held for result in told)
+    whole, origin, said = whole_sets(robot, base, found, rows, values, generator, held=held)
     return ParameterSets(
         found, tuple(base.parameters), robot.parameter_units(), origin, whole, seed, (*notes, *said), robot
     )

@@ -88,6 +88,8 @@ def whole_sets(
     rows: NDArray[np.intp],
     values: Array,
     generator: np.random.Generator,
+    *,
+    held: bool = False,
 ) -> tuple[Array, tuple[Origin, ...], list[str]]:
     """Return sets of standard parameters, (N, p), NaN where unknown, where each is from, and what was limited.
 
@@ -101,7 +103,12 @@ def whole_sets(
         Base parameters drawn from it, (N, b).
     generator
         Of further draws.
+    held
+        Whether the results hold the bodies: then they are the robot's own.
     """
+    if held:
+        why = f"bodies are held at those of {robot.name}, as the results of simulated motion hold them"
+        return _with_own_bodies(robot, base, found, rows, len(values), generator, why)
     reference = robot.reference()
     drawn = found.drawn[rows]
 
@@ -114,7 +121,12 @@ def whole_sets(
     sets = completed(values)
     good = _built(robot, sets)
     if good.mean() < LEAST:
-        return _with_own_bodies(robot, base, found, rows, len(values), generator)
+        why = (
+            f"too few drawn bodies could be built: bodies are held at those of {robot.name}, and friction, rotors "
+            "and springs are drawn given these (elid identify --physical --write-robot gives bodies that agree with "
+            "the log)"
+        )
+        return _with_own_bodies(robot, base, found, rows, len(values), generator, why)
     kept, count = sets[good], len(values)
     for _ in range(BATCHES):
         if len(kept) >= count:
@@ -156,10 +168,11 @@ def _with_own_bodies(
     rows: NDArray[np.intp],
     count: int,
     generator: np.random.Generator,
+    why: str,
 ) -> tuple[Array, tuple[Origin, ...], list[str]]:
-    """Return sets with the robot's own bodies and what is left drawn given them."""
+    """Return sets with the robot's own bodies and what is left drawn given them; with `why`, in words."""
     reference = robot.reference()
-    drawn = found.drawn[rows]
+    drawn = found.drawn[rows] & (np.diag(found.covariance)[rows] > 0)  # what is without error is of the bodies alone
     known = rows[drawn]
     transform = base.transform[drawn]
     scalar = np.array([name.kind in POSITIVE for name in robot.parameter_names()])
@@ -168,12 +181,9 @@ def _with_own_bodies(
     mean, covariance, misfit = _given(transform[:, free], rest, found.covariance[np.ix_(known, known)])
     sets = np.tile(reference, (count, 1))
     sets[:, free] = draw_sets(mean, covariance, np.ones(len(free), dtype=bool), count, generator)
-    words = [
-        f"too few drawn bodies could be built: bodies are held at those of {robot.name}, and friction, rotors and "
-        "springs are drawn given these (elid identify --physical --write-robot gives bodies that agree with the log)"
-    ]
+    said = [why]
     if misfit > 1:
-        words.append(
+        said.append(
             f"the estimates are {misfit:.2g} times as far from these bodies as their errors allow: sets widened by that"
         )
     drawn_now = np.isin(np.arange(len(reference)), free)
@@ -181,7 +191,7 @@ def _with_own_bodies(
         "drawn" if now else "held" if np.isfinite(value) else "unknown"
         for now, value in zip(drawn_now, reference, strict=True)
     ]
-    return sets, tuple(origin), words
+    return sets, tuple(origin), said
 
 
 def _given(columns: Array, values: Array, covariance: Array) -> tuple[Array, Array, float]:

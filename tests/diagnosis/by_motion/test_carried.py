@@ -269,3 +269,22 @@ def test_no_tool_is_told_where_there_is_none_and_a_wrong_mass_of_another_body_is
     assert effect.std_error["cz"] < 0.02 * first
     assert "this body carries a load" in effect.summary
     assert replay(found.refined, moved(4, 0.0, 4.0)).mean_abs < 2e-4
+
+
+def test_of_several_arms_the_one_that_carries_is_told(tmp_path: Path) -> None:
+    """Pendulums beside each other are branches of a tree: the file of one of them lacks a load off its centre line."""
+    path = tmp_path / "lacking.xml"
+    path.write_text(Path(plant.robot(tmp_path).source).read_text().replace(
+        'pos="0 0 -0.2" mass="0.8"', 'pos="0.04 0 -0.2" mass="0.7"'
+    ))  # fmt: skip
+    arms = read_robot(path)
+    log = plant.written(tmp_path, "log.h5", plant.moved(4, 9.0, delay=0.002))
+    found = diagnose_motion(arms, prepare(read_recording([log], arms), arms))
+    assert [(e.effect, e.joint) for e in found.effects] == [("payload", "two")]
+    (effect,) = found.effects
+    # the truth less what the file has: no joint feels the mass, or what lies along the axis
+    for name, value in {"cx": -0.04 * 0.7, "cz": -0.2 * 0.8 + 0.2 * 0.7}.items():
+        assert abs(effect.parameters[name] - value) < 4 * effect.std_error[name]
+        assert effect.std_error[name] < 0.1 * abs(value)
+    assert not found.unexplained
+    assert replay(found.refined, plant.moved(9, 6.0, delay=0.002)).mean_abs < 2e-4

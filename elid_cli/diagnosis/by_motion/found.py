@@ -1,0 +1,60 @@
+"""What a search by motion came to, with what acts on the whole robot or on its drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.search import Searched
+from elid_cli.diagnosis.by_motion.torque_gains import Gains
+from elid_cli.diagnosis.result import Rival
+from elid_cli.estimation.trajectory.changes import Changed
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search came to, with what acts on the whole."""
+
+    done: Searched
+    """`before` is the fit of the robot as it is described."""
+    plain: TrajectoryFit
+    """The fit without effects beside what acts on the whole."""
+    robot: Robot
+    """The robot as it is changed."""
+    ratio: Array
+    """What the computed torque of every joint is over the one that acts, (n,)."""
+    scaled: NDArray[np.bool_]
+    """Joints where that is named, (n,)."""
+    changes: tuple[Changed, ...]
+    """Angles of the base, zeros of encoders, delays of some drives: each as found with those before it."""
+    gains: Gains | None
+    """The fit by drives of another torque at the other joints that are doubted."""
+    taken: Gains | None
+    """The one whose gains are named."""
+    rivals: tuple[Rival, ...] = ()
+    """What does as well as these."""
+
+    @property
+    def rates(self) -> Array:
+        """Integral over proportional gain of every joint's drive beyond what is declared, 1/s, (n,)."""
+        found: Array = np.sum([np.zeros(self.robot.n), *(change.rates for change in self.changes)], axis=0)
+        return found
+
+    @property
+    def acting(self) -> Array:
+        """`ratio`, with the gains that were found beside a change."""
+        found: Array = np.prod([self.ratio, *(change.ratio for change in self.changes)], axis=0)
+        return found
+
+    @property
+    def written(self) -> Robot:
+        """The robot as it is changed, with bodies that can be built."""
+        robot = self.robot
+        for change in self.changes:
+            robot = change.by.written(robot, change.level)
+        return robot
