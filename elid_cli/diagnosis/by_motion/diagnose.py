@@ -53,6 +53,8 @@ from elid_cli.signals.signals import Signals
 BINS = 16
 ONE_CURVE = 0.98
 """Part of an effect's torque that other first moments of the links would make as well, from which both are named."""
+LIKE = 0.5
+"""Part of what effects take off a joint's squared error that other bodies must take for a word."""
 MOMENTS = ("cx", "cy", "cz")
 MOMENT = "first_moment"
 """What other masses of bodies are called among rivals."""
@@ -136,7 +138,7 @@ def diagnose_motion(
     ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(whole.scaled).tolist())}
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
-    views = views_of(done.after)
+    views, positions = views_of(done.after), _positions(robot, done.before, done.after)
     return MotionDiagnosis(
         described, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
@@ -145,10 +147,10 @@ def diagnose_motion(
          *(r for r in whole.rivals if (r.effect, r.joint) not in {(e.effect, e.joint) for e in of_changes}),
          *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),
-        _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, told, done.partial,
+        positions, changes, identified_robot(refined), done.tried, told, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         tuple(name for name in untried_of(effect_classes(), robot, only) if name not in {e.effect for e in of_changes}),
-        other_bodies(whole.plain, columns_of(whole.plain)),
+        _bodies_beside(whole.plain, positions),
         None if done.partial or only else with_free_bodies(
             robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains and robot.n > 1 else [])]
         ),
@@ -157,6 +159,16 @@ def diagnose_motion(
 
 def _may_raise(only: Sequence[str]) -> bool:
     return not only or effect_that(of_drive="limit").name in only
+
+
+def _bodies_beside(plain: TrajectoryFit, positions: Mapping[str, PositionBeforeAfter]) -> dict[str, float]:
+    """Return what other bodies take off joints' squared error where that is most of what effects found take, or all.
+
+    `plain` is the fit without the effects.
+    """
+    asked = other_bodies(plain, columns_of(plain))
+    takes = {name: 1.0 - (item.after / item.before) ** 2 for name, item in positions.items()}
+    return {name: part for name, part in asked.items() if part >= LIKE * takes[name]}
 
 
 def _bodies_for(gains: Sequence[FoundEffect], before: TrajectoryFit) -> tuple[Rival, ...]:
