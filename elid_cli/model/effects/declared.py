@@ -10,7 +10,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.effect import Effect, Parameter
 from elid_cli.model.effects.scene import Scene
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
@@ -68,7 +68,23 @@ def _known(robot: Robot, spec: EffectSpec) -> type[Effect]:
             what = f"{_where(robot, spec)}: unknown parameter {name!r}"
             detail = f"{spec.effect} has {', '.join(names)}"
             raise RobotError(what, detail=detail, hint=did_you_mean(name, names))
+    for parameter in kind.shapes:
+        if parameter.name in spec.parameters:
+            _check(robot, spec, parameter, spec.parameters[parameter.name])
     return kind
+
+
+def _check(robot: Robot, spec: EffectSpec, parameter: Parameter, value: float) -> None:
+    """Refuse a value of a shape with which an effect cannot be computed (RobotError)."""
+    most, what = float(parameter.high), f"{_where(robot, spec)}: {parameter.name} {value:g}"
+    if parameter.of_joint:
+        others = [k + 1 for k, name in enumerate(robot.joint_names) if name != spec.joint]
+        if value not in others:
+            raise RobotError(f"{what} is no other joint", hint=f"one of {', '.join(map(str, others)) or 'none'}")
+    elif not parameter.low - ROUNDED * abs(parameter.low) <= value <= most + ROUNDED * abs(most):
+        unit = f" {parameter.unit}" if parameter.unit != "1" else ""
+        between = f"at least {parameter.low:g}{unit}" if np.isinf(most) else f"{parameter.low:g} to {most:g}{unit}"
+        raise RobotError(f"{what}{unit} cannot be", detail=parameter.meaning, hint=between)
 
 
 def _where(robot: Robot, spec: EffectSpec) -> str:
@@ -110,6 +126,8 @@ def with_lost_effects(recording: Recording, robot: Robot) -> Recording:
     return replace(recording, warnings=(*recording.warnings, *lost)) if lost else recording
 
 
+ROUNDED = 1e-6
+"""Part by which a value that was written at a bound may lie beyond it."""
 FRICTIONS = 3.0
 """Prior standard deviation of an amplitude that the file does not give, over the friction's rms: terms of one curve
 that nearly cancel may each be larger than the friction."""

@@ -17,6 +17,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.model.effects.parameter import Parameter as Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.robot import Robot
 
@@ -33,28 +34,6 @@ Channel = Literal["link", "position", "torque"]
 """Channels that may be late: positions and velocities of the link, or of link and motor, and torque of the motor."""
 Nuisance = Literal["delay", "offset", "reading gain", "reading offset"]
 """Faults of a motor's torque channel, and of a joint torque sensor, that every fit estimates along."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of an effect as files and reports name it."""
-
-    name: str
-    unit: str
-    meaning: str
-    low: float = -np.inf
-    high: float = np.inf
-    fixed: bool = False
-    """Of a shape: chosen from the grid and never refined (an exponent, the number of another joint)."""
-    default: float | None = None
-    """Value where a file gives none; None: it must give one."""
-
-    def unit_at(self, *, slides: bool) -> str:
-        """Return the unit at a joint that slides or turns, empty for a number; a phase is an angle at both."""
-        unit = self.unit.removeprefix("1")
-        if slides and self.name != "phase":
-            unit = unit.replace("N·m·s/rad", "N·s/m").replace("N·m", "N").replace("rad", "m")
-        return unit
 
 
 class Same(NamedTuple):

@@ -42,7 +42,7 @@ class Saturation(Effect):
             default=1.0,
         ),
     )
-    shapes = (Parameter("limit", "N·m", "largest torque that is delivered", low=0.0),)
+    shapes = (Parameter("limit", "N·m", "largest torque that is delivered", low=1e-9),)
     example = {"cut": 1.0, "limit": 60.0}
     local = True
     of_drive = "limit"

@@ -28,7 +28,7 @@ class VelocityCoupling(Effect):
         Parameter("viscous", "N·m·s/rad", "torque per speed of the other motor"),
         Parameter("coulomb", "N·m", "torque that follows the other motor's direction"),
     )
-    shapes = (Parameter("other", "1", "number of the other joint, from 1", low=1.0, fixed=True),)
+    shapes = (Parameter("other", "1", "number of the other joint, from 1", low=1.0, fixed=True, of_joint=True),)
     example = {"viscous": 0.4, "coulomb": 0.6, "other": 2.0}
 
     @classmethod
