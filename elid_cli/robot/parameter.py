@@ -52,6 +52,15 @@ class StandardParameter(str):
         return self.kind, self.joint
 
 
+def place_in_order(name: str) -> tuple[int, int, int]:
+    """Return a key that sorts names of standard parameters into standard order; of other names they come last."""
+    parameter = parameter_named(name)
+    for number, group in enumerate(PARAMETER_GROUPS):
+        if parameter is not None and parameter.kind in group:
+            return number, parameter.joint, group.index(parameter.kind)
+    return len(PARAMETER_GROUPS), 0, 0
+
+
 _MADE: dict[tuple[str, int], StandardParameter] = {}
 
 

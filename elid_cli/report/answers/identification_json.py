@@ -13,20 +13,20 @@ from elid_cli.report.answers.inputs import log_payload, nuisance_payload, robot_
 from elid_cli.report.answers.lacking import is_unclear
 from elid_cli.report.answers.motor_side import motor_side_payload, stiffness_record
 from elid_cli.report.tree import picked
+from elid_cli.robot.parameter import parameter_named, place_in_order
 from elid_cli.signals.recording import Recording
 
 
 def identification_payload(found: Identification, recording: Recording | None = None) -> dict[str, Any]:
     """Return the JSON object of an identification (docs/reference/json.md), without a log where that is not at hand."""
-    listed = base_payload(found)
     return {
         **robot_payload(found.robot),
         **({} if recording is None else {"log": log_payload(recording)}),
         **picked(found, "estimator settings"),
         **class_payload(found.base, found),
         **picked(found, "condition rank rank_margin"),
-        "base_parameters": listed,
-        "covariance": covariance_payload(found, len(listed)),
+        "base_parameters": base_payload(found),
+        "covariance": covariance_payload(found),
         "error": error_payload(found.error),
         **model_payload(found.model, found.noise, found.insufficient),
         **motor_side_payload(found),
@@ -39,7 +39,18 @@ def identification_payload(found: Identification, recording: Recording | None = 
 
 
 def base_payload(found: Identification) -> list[dict[str, Any]]:
-    """Return the list ``base_parameters`` of JSON; the estimate of a refused one is null."""
+    """Return the list ``base_parameters`` of JSON, in standard order; the estimate of a refused one is null."""
+    entries = _entries(found)
+    return [entries[k] for k in _order(entries)]
+
+
+def _order(entries: Sequence[Mapping[str, Any]]) -> list[int]:
+    """Return places of entries in standard order, that of their leading parameters."""
+    return sorted(range(len(entries)), key=lambda k: place_in_order(next(iter(entries[k]["terms"]))))
+
+
+def _entries(found: Identification) -> list[dict[str, Any]]:
+    """Return all entries: those of the fit, stiffnesses from the motor side, what the log does not show at all."""
     units: dict[str, str] = dict(zip(found.robot.parameter_names(), found.robot.parameter_units(), strict=True))
     leaders = {found.base.parameters[leader] for leader in found.base.leaders}
     side = found.motor_side.joints if found.motor_side else ()
@@ -47,7 +58,7 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
     unseen = [
         {
             "name": name, "terms": {name: 1}, "unit": units.get(name, ""), "class": "unidentifiable", "estimate": None,
-            "std_error": None, "reference": None, "relative_error": None, "verdict": "refused",
+            "std_error": None, "reference": _described(found, name), "relative_error": None, "verdict": "refused",
         }
         for name in found.hidden
         if name not in leaders and name not in stiffnesses
@@ -64,16 +75,27 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
     ] + [*stiffnesses.values(), *unseen]
 
 
-def covariance_payload(found: Identification, count: int) -> list[list[float | None]]:
-    """Return the matrix ``covariance`` of JSON, a row and a column for each of the `count` listed base parameters."""
+def _described(found: Identification, name: str) -> float | None:
+    """Return the value that the robot file gives a parameter that the log does not show; None where it gives none."""
+    parameter = parameter_named(name)
+    if parameter is None or parameter.joint >= found.robot.n:
+        return None
+    value = found.robot.joints[parameter.joint].parameters.get(parameter.kind)
+    return None if value is None else float(value)
+
+
+def covariance_payload(found: Identification) -> list[list[float | None]]:
+    """Return the matrix ``covariance`` of JSON, a row and a column for each of the listed base parameters."""
+    entries = _entries(found)
     shown: list[list[float | None]] = found.joint_covariance.tolist()
-    unseen: list[float | None] = [None] * (count - len(shown))
-    rows = [[*row, *unseen] for row in shown] + [[None] * count for _ in unseen]
+    unseen: list[float | None] = [None] * (len(entries) - len(shown))
+    rows = [[*row, *unseen] for row in shown] + [[None] * len(entries) for _ in unseen]
     side = found.motor_side.joints if found.motor_side else ()
     for k, joint in enumerate(side, start=len(shown)):  # found by itself: no correlation is known
         if joint.verdict != "refused":
             rows[k][k] = joint.std_error**2
-    return rows
+    order = _order(entries)
+    return [[rows[i][k] for k in order] for i in order]
 
 
 def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:
