@@ -10,7 +10,7 @@ from typing import Any
 from elid_cli.estimation.actuators import UNITS, Actuators, Quantity, Value
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.scene import direction_widths
-from elid_cli.robot.mjcf.read import SPRING
+from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.robot.yaml import emit
 
@@ -43,7 +43,7 @@ def _data(found: Actuators) -> dict[str, Any]:
         "units": {quantity: _units(quantity, robot) for quantity in found.values},
         "gear_ratio": {joint.name: joint.gear_ratio for joint in robot.joints if joint.gear_ratio is not None},
         "direction_width": dict(zip(of, widths, strict=True)),
-        "effects": [_effect(spec) for spec in found.effects],
+        "effects": [_effect(robot, spec) for spec in found.effects],
     }
 
 
@@ -69,7 +69,7 @@ def _units(quantity: Quantity, robot: Robot) -> str | dict[str, str]:
     return next(iter(units.values())) if len(set(units.values())) == 1 else units
 
 
-def _effect(spec: EffectSpec) -> dict[str, Any]:
+def _effect(robot: Robot, spec: EffectSpec) -> dict[str, Any]:
     kind = effect_classes()[spec.effect]
     return {
         "effect": spec.effect,
@@ -77,6 +77,6 @@ def _effect(spec: EffectSpec) -> dict[str, Any]:
         "parameters": {name: _finite(value) for name, value in spec.parameters.items()},
         "as": ("friction" if kind.acts_as == "friction" else "torque") if kind.acts_as else None,
         "at": kind.place,
-        "in_mjcf": spec.effect == SPRING,
+        "in_mjcf": is_held(robot, spec),
         "equation": kind.equation,
     }

@@ -159,6 +159,8 @@ class Robot:
     """That file's joints that are locked, with their values, rad or m."""
     order: tuple[str, ...] = field(default=(), compare=False)
     """Where joints are locked, the names of all of them, those that are locked in their places."""
+    rotors: Mapping[str, tuple[str, float]] = field(default_factory=_empty, compare=False)
+    """Joints with a rotor of its own in that file, an MJCF: the rotor's joint, and its turns per joint turn."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What a reader of its results must know of how it was read: sentences."""
 

@@ -29,7 +29,7 @@ from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised, Local
 from elid_cli.model.rollout import Added, Along, motion_of
 from elid_cli.model.runs import Run, runs_of
-from elid_cli.robot.mjcf.read import SPRING
+from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording, with_commands
 from elid_cli.tables import Shown
@@ -167,7 +167,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
 def _beyond_mujoco(robot: Robot) -> tuple[str, ...]:
     """Return the effects that elid's replay holds and MuJoCo's does not."""
     acting_here = (spec for spec in robot.effects if can_act(resolve(robot, spec)[0]))
-    beyond = (spec for spec in acting_here if spec.effect != SPRING and not is_soft_in_mjcf(robot, spec))
+    beyond = (spec for spec in acting_here if not is_held(robot, spec) and not is_soft_in_mjcf(robot, spec))
     return tuple(f"{spec.effect} of {spec.joint}" for spec in beyond)
 
 
