@@ -113,10 +113,15 @@ def _without_absent(robot: Robot, parts: Sequence[_Held]) -> tuple[Robot, list[s
 
 def _ungeared(robot: Robot) -> list[str]:
     """Return a sentence on the joints whose gear ratio is not known."""
-    unknown = [joint.name for joint in robot.joints if joint.gear_ratio is None]
+    unknown = [joint.name for joint in robot.joints if joint.gear_ratio is None and not _turning_alone(robot, joint)]
     whose = "no gear ratio is known" if len(unknown) == robot.n else f"gear ratio not known: {_listed(unknown)}"
     ja = "a rotor is then described by its inertia at the joint (Ja), without coupling to others"
     return [f"{whose}; {ja}"] if unknown else []
+
+
+def _turning_alone(robot: Robot, joint: Joint) -> bool:
+    """Whether the robot's file has a rotor that turns otherwise than the joint, and couples to nothing."""
+    return abs(robot.rotors.get(joint.name, ("", 1.0))[1]) != 1.0
 
 
 @dataclass(frozen=True)

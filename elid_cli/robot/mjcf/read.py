@@ -215,13 +215,13 @@ class MjcfTree:
         values |= own_motor(item.element) if rotor is None else motor_parameters(rotor, motor.element, item.element)
         x, y, z = item.origin[:3, 3].tolist()
         parent = self._carrier_name(k)
-        geared = rotor is not None and rotor.couples
+        geared, beside = rotor is not None and rotor.couples, rotor is not None and rotor.beside
         return Joint(
             name=item.name,
             type="revolute" if item.turns else "prismatic",
             parent="" if parent == before else parent,
             gear_ratio=motor.turns if geared else None,
-            motor_axis=self._axis_of_rotor(rotor.number) if rotor is not None and geared else (0.0, 0.0, 1.0),
+            motor_axis=self._axis_of_rotor(rotor.number) if rotor is not None and beside else (0.0, 0.0, 1.0),
             transmission="auto" if rotor is None else "elastic" if rotor.elastic else "rigid",
             parameters=values,
             limits=Limits(position=self._range(item), torque=self.drives.torque_limit(motor)),

@@ -46,8 +46,10 @@ class Rotor:
     """Inertia of its body about its axis, kg·m² …"""
     armature: float
     """… and what is added to that, without coupling to the body that carries it."""
+    beside: bool
+    """Whether it rides on the body that carries the joint …"""
     couples: bool
-    """Whether it couples to the rotation of that body."""
+    """… and couples to the rotation of that."""
 
     @property
     def elastic(self) -> bool:
@@ -180,7 +182,16 @@ class RotorSearch:
             return f"{name} rides on another body than the one that carries {driven_name}"
         if rotor.parent >= 0 and min(rotating, armature) > SMALL * (rotating + armature):
             rotor.element.fault(f"{'all' if couples else 'none'} of its inertia is taken to couple to what carries it")
-        return Rotor(link, number, coupling.element, lever, -lever / own, rotating, armature, couples)
+        return Rotor(link, number, coupling.element, lever, _turns(lever, own), rotating, armature, beside, couples)
+
+
+def _turns(lever: float, own: float) -> float:
+    """Return the turns of a rotor per turn of its joint, from the levers of joint and rotor.
+
+    A few decimals where they give the same lever: that of a rotor is often written as the inverse of a gear ratio.
+    """
+    plain = float(f"{-lever / own:.12g}")
+    return plain if -lever / plain == own else -lever / own
 
 
 def _is_balanced(body: Array, element: Element) -> bool:
