@@ -90,9 +90,10 @@ class RotorSearch:
         rotors: dict[int, Rotor] = {}
         for coupling in couplings:
             candidates = [k for k, (name, _) in enumerate(coupling.levers) if self._could_be_rotor(name)]
-            if not candidates:
+            unbalanced = [] if candidates else self._unbalanced(coupling)
+            if not candidates and not unbalanced:
                 continue
-            answer: Rotor | str = coupling.fault
+            answer: Rotor | str = coupling.fault or "".join(f"{name} is not balanced" for name in unbalanced)
             twice = [name for name, _ in coupling.levers if uses[name] > 1]
             if not answer and twice:
                 answer = f"{twice[0]} is coupled to more than one joint"
@@ -124,9 +125,9 @@ class RotorSearch:
         automatic = "true" if "range" in given and self._conventions.autolimits else "false"
         if given.get("limited", "auto").replace("auto", automatic) == "true":
             return "stops of a transmission (range) are not modelled"
-        length = given.get("springlength", "-1").split()
-        ends = tendon.parsed(" ".join(length), len(length), "springlength")
-        if min(ends) < 0:
+        length = given.get("springlength", "-1")
+        ends = tendon.parsed(length, len(length.split()), "springlength")
+        if all(end == -1.0 for end in ends):  # as long as with the springs of both joints at rest
             rest = sum(lever * self._rest_of(name) for name, lever in levers)
             ends = (rest, rest)
         if any(ends):
@@ -152,11 +153,22 @@ class RotorSearch:
 
     def _could_be_rotor(self, name: str) -> bool:
         """Whether a joint is a hinge of one balanced body with no other joint on it."""
-        number = self._names.index(name)
-        joint = self._moving[number]
+        joint = self._moving[self._names.index(name)]
+        return self._is_alone(joint) and joint.body is not None and _is_balanced(joint.body, joint.element)
+
+    def _is_alone(self, joint: MovingJoint) -> bool:
+        """Whether a joint is a hinge, the only joint of its body, and carries no other one."""
         first = joint.parent < 0 or self._moving[joint.parent].owner is not None
-        alone = joint.owner is not None and first and not any(other.parent == number for other in self._moving)
-        return alone and joint.turns and joint.body is not None and _is_balanced(joint.body, joint.element)
+        carries = any(other.parent >= 0 and self._moving[other.parent] is joint for other in self._moving)
+        return joint.turns and joint.owner is not None and first and not carries
+
+    def _unbalanced(self, coupling: Coupling) -> list[str]:
+        """Return the joint that would be the rotor of a tendon, an actuator's, were its body balanced."""
+        if coupling.element.tag != "fixed":
+            return []
+        driven = [name for name, _ in coupling.levers if name in self._driven]
+        alone = [name for name in driven if self._is_alone(self._moving[self._names.index(name)])]
+        return alone if len(driven) == 1 else []
 
     def _rotor(self, coupling: Coupling, candidates: list[int]) -> Rotor | str:
         """Return the rotor of a coupling, or why it is none."""
