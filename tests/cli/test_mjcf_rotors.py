@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from elid_cli.cli import main
-from elid_cli.robot.files import read_robot, write_robot
+from elid_cli.experiment.mjcf import mjcf_text
+from elid_cli.robot.files import read_robot, robot_from_text, write_robot
 from tests.robot.test_mjcf_rotors import SERIES
 
 DRIVES = ("Jm", "Ja", "fs", "fv", "K")
@@ -109,3 +110,23 @@ def test_a_log_of_mujoco_with_its_own_names_gives_what_the_file_says(
         assert effects.pop((spec.effect, spec.joint)) == pytest.approx(dict(spec.parameters), rel=5e-3)
     assert not effects
     assert max(error["relative"] for error in found["error"].values()) < 1e-4
+
+
+def test_a_file_with_rotors_is_replayed_by_elid_and_by_mujoco_alike(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mujoco", reason="needs the wheel mujoco (extra: test)")
+    model, log = tmp_path / "series.xml", str(tmp_path / "log.h5")
+    model.write_text(mjcf_text(robot_from_text(SERIES, "series.xml")))
+    named = {"shoulder_rotor": "rotor_of_shoulder", "wrist_rotor": "spinner"}  # names are the file's own
+    for old, new in named.items():
+        model.write_text(model.read_text().replace(f'"{old}"', f'"{new}"'))
+    assert read_robot(model).rotors["wrist"] == ("spinner", 1.0)
+    assert main(["simulate", "--robot", str(model), "--seed", "3", "--duration", "4", "--rate", "500", "-o", log]) == 0
+    capsys.readouterr()
+    words = ["replay", log, "--robot", str(model), "--horizon", "0.5"]
+    by = {engine: told([*words, "--engine", engine], capsys) for engine in ("elid", "mujoco")}
+    for joint, error in by["elid"]["error"].items():
+        assert error["mean_abs"] < 5e-4
+        assert by["mujoco"]["error"][joint]["mean_abs"] < 5e-4
+    assert by["mujoco"].get("left_out", []) == []
