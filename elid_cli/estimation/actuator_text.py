@@ -42,6 +42,7 @@ def _data(found: Actuators) -> dict[str, Any]:
         "remarks": _remarks(found),
         "units": {quantity: _units(quantity, robot) for quantity in found.values},
         "gear_ratio": {joint.name: joint.gear_ratio for joint in robot.joints if joint.gear_ratio is not None},
+        **({"rotors": {name: list(rotor) for name, rotor in robot.rotors.items()}} if robot.rotors else {}),
         "direction_width": dict(zip(of, widths, strict=True)),
         "effects": [_effect(robot, spec) for spec in found.effects],
     }
