@@ -22,6 +22,7 @@ from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.robot.locking import beyond_limits, locked
+from elid_cli.robot.mjcf.held import folded
 from elid_cli.robot.robot import Joint, Robot
 
 SAME = "q and theta differ by no more than a constant and sensor noise"
@@ -85,7 +86,7 @@ def robot_as_logged(
             decided.setdefault(said, []).append(joint.name)
     if parts:
         notes += [f"{_listed(names)} taken as {what}" for what, names in decided.items()]
-    return replace(robot, joints=tuple(joints), notes=(*notes, *_ungeared(robot)))
+    return folded(replace(robot, joints=tuple(joints), notes=(*notes, *_ungeared(robot))))
 
 
 def joints_held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None = None) -> frozenset[str]:

@@ -163,7 +163,7 @@ class _Patch:
         if "K" in joint.parameters:
             values["stiffness"] = xml_number(joint.parameters["K"] / rotor.lever**2)
         damping = declared(self.robot, joint.name, *DAMPING) / rotor.lever**2
-        if damping or "damping" in rotor.coupling.attributes:
+        if joint.elastic and (damping or "damping" in rotor.coupling.attributes):
             values["damping"] = xml_number(damping)
         return values
 

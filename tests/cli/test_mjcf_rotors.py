@@ -110,6 +110,14 @@ def test_a_log_of_mujoco_with_its_own_names_gives_what_the_file_says(
         assert effects.pop((spec.effect, spec.joint)) == pytest.approx(dict(spec.parameters), rel=5e-3)
     assert not effects
     assert max(error["relative"] for error in found["error"].values()) < 1e-4
+    # without the motors' positions the joints count as rigid, and the links' friction as the motors'
+    links = [name for name in log if not name.startswith("pos.") or not name.endswith("_motor")]
+    rows = np.stack([log[name] for name in links], axis=1)
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(links), comments="")
+    (tmp_path / "map.yaml").write_text("\n".join(line for line in mapping.splitlines() if "theta" not in line))
+    found = told(["identify", *words], capsys)
+    assert {item["effect"] for item in found["effects"]} == {"link_spring"}
+    assert drives(found)["fv1"] == pytest.approx(5.05, rel=0.1)
 
 
 def test_a_file_with_rotors_is_replayed_by_elid_and_by_mujoco_alike(

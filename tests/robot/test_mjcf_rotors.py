@@ -15,6 +15,7 @@ from elid_cli.experiment.real_bodies import apart, known_parameters
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.robot.files import read_robot, robot_from_text
 from elid_cli.robot.locking import locked
+from elid_cli.robot.mjcf.held import folded
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.patch import patched
 from elid_cli.robot.robot import EffectSpec, Joint, Robot
@@ -136,7 +137,7 @@ def test_a_series_elastic_joint_is_read_as_one() -> None:
     robot = robot_from_text(SERIES, "series.xml")
     assert robot.notes == ()
     assert robot.joint_names == JOINTS
-    assert [joint.transmission for joint in robot.joints] == ["elastic"] * 3
+    assert [(joint.transmission, joint.elastic) for joint in robot.joints] == [("auto", True)] * 3
     assert [joint.gear_ratio for joint in robot.joints] == [50, -30, None]
     rotors = {"shoulder": ("shoulder_motor", 50), "elbow": ("elbow_motor", -30), "wrist": ("wrist_motor", 20)}
     assert robot.rotors == rotors
@@ -243,6 +244,22 @@ def test_another_torque_limit_and_no_more_damping_read_back(tmp_path: Path) -> N
     again = robot_from_text(patched(replace(robot, joints=tuple(joints), effects=())), "series.xml")
     assert again.torque_limits == pytest.approx(limits)
     assert again.effects == ()
+
+
+def test_friction_of_a_link_is_one_with_the_motors_where_the_joint_counts_as_rigid(tmp_path: Path) -> None:
+    (tmp_path / "series.xml").write_text(SERIES)
+    robot = read_robot(tmp_path / "series.xml")
+    rigid = folded(replace(robot, joints=tuple(replace(j, transmission="rigid") for j in robot.joints)))
+    assert [spec.effect for spec in rigid.effects] == ["link_spring"]
+    for stiff, joint in zip(rigid.joints, robot.joints, strict=True):
+        assert stiff.parameters["fv"] == pytest.approx(joint.parameters["fv"] + 0.05)
+        assert stiff.parameters["fs"] == pytest.approx(joint.parameters["fs"] + 0.3 * (joint.name == "shoulder"))
+    assert folded(robot) == robot
+    again = robot_from_text(patched(rigid), "series.xml")
+    assert [spec.effect for spec in again.effects] == ["link_spring", "transmission_damping"]
+    for found, stiff in zip(again.joints, rigid.joints, strict=True):
+        assert found.parameters["fv"] == pytest.approx(stiff.parameters["fv"])
+        assert found.parameters["K"] == pytest.approx(stiff.parameters["K"])
 
 
 def test_a_rotor_of_no_inertia_is_refused(tmp_path: Path) -> None:

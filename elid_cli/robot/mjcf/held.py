@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from elid_cli.robot.files import is_mjcf
@@ -10,9 +11,10 @@ from elid_cli.robot.robot import EffectSpec, Robot
 
 SPRING = "link_spring"
 """Effect that `stiffness` and `springref` of a joint stand for."""
+_VISCOUS, _COULOMB = "link_viscous", "link_coulomb"
 LINK_EFFECTS: Mapping[str, tuple[str, str]] = {
-    "damping": ("link_viscous", "friction"),
-    "frictionloss": ("link_coulomb", "friction"),
+    "damping": (_VISCOUS, "friction"),
+    "frictionloss": (_COULOMB, "friction"),
 }
 """Attributes of the link's joint of an elastic joint, with the effects that they stand for and their parameters."""
 DAMPING = ("transmission_damping", "damping")
@@ -36,3 +38,22 @@ def declared(robot: Robot, joint: str, effect: str, parameter: str) -> float:
         for spec in robot.effects
         if spec.effect == effect and (spec.joint or robot.joint_names[0]) == joint
     )
+
+
+def folded(robot: Robot) -> Robot:
+    """Return the robot with what damps the two sides of joints with a rotor of their own, where they count as rigid.
+
+    Friction of the link is then one with the motor's, and nothing damps the transmission.
+    """
+    joints = {joint.name: joint for joint in robot.joints}
+    effects = []
+    for spec in robot.effects:
+        name = spec.joint or robot.joint_names[0]
+        kind = {_VISCOUS: "fv", _COULOMB: "fs", DAMPING[0]: ""}.get(spec.effect)
+        if kind is None or name not in robot.rotors or joints[name].elastic:
+            effects.append(spec)
+        elif kind:
+            values = dict(joints[name].parameters)
+            values[kind] = values.get(kind, 0.0) + sum(spec.parameters.values())
+            joints[name] = replace(joints[name], parameters=values)
+    return replace(robot, joints=tuple(joints.values()), effects=tuple(effects))

@@ -222,7 +222,7 @@ class MjcfTree:
             parent="" if parent == before else parent,
             gear_ratio=motor.turns if geared else None,
             motor_axis=self._axis_of_rotor(rotor.number) if rotor is not None and beside else (0.0, 0.0, 1.0),
-            transmission="auto" if rotor is None else "elastic" if rotor.elastic else "rigid",
+            transmission="rigid" if rotor is not None and not rotor.elastic else "auto",
             parameters=values,
             limits=Limits(position=self._range(item), torque=self.drives.torque_limit(motor)),
             xyz=(x, y, z),
