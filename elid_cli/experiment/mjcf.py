@@ -5,7 +5,8 @@ Every motor is a body of its own: a thin disc that rides on body i-1 and turns a
 K is the transmission, the rotor's friction and damping are ``fs/|k_m|`` and ``fv/k_m²``. Controls are motor torques
 seen at the joint; the sensors ``<joint>_q <joint>_dq <joint>_theta <joint>_dtheta`` are those of a log. A rigid
 transmission is an equality constraint, which MuJoCo keeps to about 1e-4; MuJoCo's friction loss holds a joint in
-stiction, where elid rounds Coulomb friction.
+stiction, where elid rounds Coulomb friction. A reflected inertia behind a spring is the armature of a rotor in the
+world. `robot/mjcf/rotors.py` reads all this back.
 
 In the model (paper, appendix A) body i-1 contains the whole of rotor i, and the rotor's spin adds
 ``Jm k z·w dtheta + Jm k² dtheta²/2``. As bodies of their own, a rotor is a thin disc ``diag(Jm/2, Jm/2, Jm)`` and the

@@ -224,6 +224,56 @@ def test_new_parameters_read_back_and_nothing_else_changes(tmp_path: Path) -> No
     compared(text)
 
 
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_file_of_elids_own_is_patched_as_others_are(name: str, tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco", reason="needs the wheel mujoco (extra: test)")
+    robot = ROBOTS[name]()
+    (tmp_path / "own.xml").write_text(mjcf_text(robot))
+    own = read_robot(tmp_path / "own.xml")
+    assert patched(own) == (tmp_path / "own.xml").read_text()
+    joints = []
+    for k, joint in enumerate(own.joints, start=1):
+        drives = {key: 1 + 0.01 * k for key in ("Jm", "Ja", "fs", "fv", "K")}
+        joints.append(replace(joint, parameters={n: v * drives.get(n, 1.02) for n, v in joint.parameters.items()}))
+    text = patched(replace(own, joints=tuple(joints)))
+    assert mujoco.MjModel.from_xml_string(text).nv == 2 * robot.n
+    for ours, theirs in zip(robot_from_text(text, "own.xml").joints, joints, strict=True):
+        size = max(abs(theirs.parameters[key]) for key in LINK_PARAMETERS)
+        for key, value in theirs.parameters.items():
+            floor = 1e-12 * size if key in LINK_PARAMETERS else 0.0
+            assert ours.parameters[key] == pytest.approx(value, rel=1e-10, abs=floor), (ours.name, key)
+
+
+def test_of_two_balanced_bodies_the_driven_one_is_the_rotor() -> None:
+    wheel = '<body name="{0}"><joint name="{0}" axis="0 0 1"/><geom type="cylinder" size="0.1 0.01"/></body>'
+    bench = "<mujoco><worldbody>" + wheel.format("one") + wheel.format("two") + "</worldbody><tendon>"
+    bench += '<fixed stiffness="5" springlength="0"><joint joint="one" coef="{0}"/>'
+    bench += '<joint joint="two" coef="{1}"/></fixed>'
+    bench += "</tendon><actuator>{2}</actuator></mujoco>"
+    for levers, drive, rotor, turns in (
+        ((1, -0.5), "", "two", 2.0),
+        ((-0.5, 1), "", "one", 2.0),
+        ((1, -0.5), '<motor joint="one"/>', "one", 0.5),
+        ((1, 0.5), '<motor joint="two"/>', "two", -2.0),
+    ):
+        robot = robot_from_text(bench.format(*levers, drive), "bench.xml")
+        (joint,) = robot.joint_names
+        assert robot.rotors == {joint: (rotor, turns)}
+        assert joint != rotor
+
+
+def test_a_gear_ratio_beside_the_file_makes_an_armature_a_rotors_own(tmp_path: Path) -> None:
+    (tmp_path / "series.xml").write_text(SERIES)
+    (tmp_path / "series.elid.yaml").write_text("joints: {wrist: {gear_ratio: 20}}")
+    robot = read_robot(tmp_path / "series.xml")
+    wrist = robot.joint("wrist")
+    assert wrist.parameters["Jm"] == pytest.approx(0.0004, rel=1e-4)
+    assert wrist.motor_axis == pytest.approx((1, 0, 0))
+    assert patched(robot) == SERIES
+    joint = replace(wrist, parameters={**wrist.parameters, "Jm": 0.0005})
+    assert 'armature="0.000499999"' in patched(replace(robot, joints=(*robot.joints[:2], joint)))
+
+
 def test_a_rotor_on_a_locked_joint_changes_what_that_is_fixed_to(tmp_path: Path) -> None:
     (tmp_path / "series.xml").write_text(SERIES)
     robot = locked(read_robot(tmp_path / "series.xml"), {"shoulder": 0.4, "elbow": -0.3})
