@@ -60,8 +60,10 @@ class Effects:
                 continue
             if e["effect"] and e["effect"] not in LAWS:
                 raise ValueError(f"{e['effect']} of {e['joint']} is no passive force")
-            name, rotor = e["joint"], e["joint"] + "_rotor"
-            turns = told["gear_ratio"].get(name, 1.0) if rotor in joints else 1.0
+            name = e["joint"]
+            gear = told["gear_ratio"].get(name, 1.0)
+            rotor, turns = told.get("rotors", {}).get(name, (name + "_rotor", gear))
+            turns = turns if rotor in joints else 1.0
             motor = rotor if rotor in joints else name
             ids = (model.joint(n).id for n in (name, motor))
             self.effects.append((e, *ids, turns, told["direction_width"][name]))

@@ -146,13 +146,12 @@ def _refused(path: str, lost: Sequence[EffectSpec]) -> UsageError:
 
 
 def _without_springs(robot: Robot, path: str) -> list[str]:
-    """Return in words the stiffnesses that the user's own MJCF, patched, cannot hold: its joints are rigid."""
+    """Return in words the stiffnesses that the user's own MJCF, patched, cannot hold: those of its rigid joints."""
     suffix = Path(path).suffix.lower()
     if suffix not in FOREIGN or suffix == ".urdf" or not _patches(robot, path):
         return []  # elid's own element of a URDF holds them
-    names = [
-        name for name in robot.parameter_names() if name.kind == "K" and "K" in robot.joints[name.joint].parameters
-    ]
+    known = [k for k, j in enumerate(robot.joints) if "K" in j.parameters and j.name not in robot.rotors]
+    names = [name for name in robot.parameter_names() if name.kind == "K" and name.joint in known]
     beside = Path(robot.source).with_suffix(".elid.yaml").name
     return [f"{', '.join(names)}: the file's joints are rigid; {beside} or a .yaml holds stiffnesses"] if names else []
 
@@ -178,13 +177,22 @@ def stays_aside(robot: Robot, path: str) -> list[str]:
             f"friction of {', '.join(soft)} fades in over a speed: solreffriction and solimpfriction hold it for "
             "MuJoCo; elid and other simulators take friction of an MJCF to hold a joint at rest"
         )
-    geared = [joint.name for joint in robot.joints if joint.gear_ratio is not None]
-    if geared and suffix != ".urdf":
+    if suffix != ".urdf" and (geared := _gears_beside(robot, path)):
         said.append(
             f"the gear ratio of {', '.join(geared)}: armature is the rotor's inertia at the joint, without its "
             "coupling to the body that carries it"
         )
     return said
+
+
+def _gears_beside(robot: Robot, path: str) -> list[str]:
+    """Return the joints whose gear ratio an MJCF of this name does not have: the robot's own, patched."""
+    if not _patches(robot, path) or all(joint.gear_ratio is None for joint in robot.joints):
+        return []  # a new one has rotors
+    from elid_cli.robot.files import read_robot
+
+    own = {joint.name: joint.gear_ratio for joint in read_robot(robot.source, beside=False).joints}
+    return [j.name for j in robot.joints if j.gear_ratio is not None and j.gear_ratio != own.get(j.name)]
 
 
 def _other_limits(robot: Robot, path: str) -> list[str]:
@@ -259,14 +267,15 @@ def _lost(robot: Robot, path: str) -> list[EffectSpec]:
     """Return the effects that a file of this name cannot hold."""
     if not _foreign(path):
         return []
-    from elid_cli.robot.mjcf.read import SPRING
-
     if Path(path).suffix.lower() == ".urdf":
         return list(robot.effects)
-    from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
+    from dataclasses import replace
 
-    springs = SPRING if _patches(robot, path) else ""
-    return [spec for spec in robot.effects if spec.effect != springs and not is_soft_in_mjcf(robot, spec)]
+    from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
+    from elid_cli.robot.mjcf.held import is_held
+
+    file = robot if _patches(robot, path) else replace(robot, source="")
+    return [spec for spec in robot.effects if not is_held(file, spec) and not is_soft_in_mjcf(robot, spec)]
 
 
 def _patches(robot: Robot, path: str) -> bool:

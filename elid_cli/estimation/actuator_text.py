@@ -10,7 +10,7 @@ from typing import Any
 from elid_cli.estimation.actuators import UNITS, Actuators, Quantity, Value
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.scene import direction_widths
-from elid_cli.robot.mjcf.read import SPRING
+from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.robot.yaml import emit
 
@@ -42,8 +42,9 @@ def _data(found: Actuators) -> dict[str, Any]:
         "remarks": _remarks(found),
         "units": {quantity: _units(quantity, robot) for quantity in found.values},
         "gear_ratio": {joint.name: joint.gear_ratio for joint in robot.joints if joint.gear_ratio is not None},
+        **({"rotors": {name: list(rotor) for name, rotor in robot.rotors.items()}} if robot.rotors else {}),
         "direction_width": dict(zip(of, widths, strict=True)),
-        "effects": [_effect(spec) for spec in found.effects],
+        "effects": [_effect(robot, spec) for spec in found.effects],
     }
 
 
@@ -69,7 +70,7 @@ def _units(quantity: Quantity, robot: Robot) -> str | dict[str, str]:
     return next(iter(units.values())) if len(set(units.values())) == 1 else units
 
 
-def _effect(spec: EffectSpec) -> dict[str, Any]:
+def _effect(robot: Robot, spec: EffectSpec) -> dict[str, Any]:
     kind = effect_classes()[spec.effect]
     return {
         "effect": spec.effect,
@@ -77,6 +78,6 @@ def _effect(spec: EffectSpec) -> dict[str, Any]:
         "parameters": {name: _finite(value) for name, value in spec.parameters.items()},
         "as": ("friction" if kind.acts_as == "friction" else "torque") if kind.acts_as else None,
         "at": kind.place,
-        "in_mjcf": spec.effect == SPRING,
+        "in_mjcf": is_held(robot, spec),
         "equation": kind.equation,
     }

@@ -5,7 +5,8 @@ Every motor is a body of its own: a thin disc that rides on body i-1 and turns a
 K is the transmission, the rotor's friction and damping are ``fs/|k_m|`` and ``fv/k_m²``. Controls are motor torques
 seen at the joint; the sensors ``<joint>_q <joint>_dq <joint>_theta <joint>_dtheta`` are those of a log. A rigid
 transmission is an equality constraint, which MuJoCo keeps to about 1e-4; MuJoCo's friction loss holds a joint in
-stiction, where elid rounds Coulomb friction.
+stiction, where elid rounds Coulomb friction. A reflected inertia behind a spring is the armature of a rotor in the
+world. `robot/mjcf/rotors.py` reads all this back.
 
 In the model (paper, appendix A) body i-1 contains the whole of rotor i, and the rotor's spin adds
 ``Jm k z·w dtheta + Jm k² dtheta²/2``. As bodies of their own, a rotor is a thin disc ``diag(Jm/2, Jm/2, Jm)`` and the
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,13 +30,15 @@ from elid_cli.model.effects.declared import resolve
 from elid_cli.robot.frames import z_to
 from elid_cli.robot.inertia import about_centre, inertial_parameters
 from elid_cli.robot.mjcf.elements import stiffness_and_rest
-from elid_cli.robot.mjcf.read import SPRING
+from elid_cli.robot.mjcf.held import DAMPING, LINK_EFFECTS, SPRING, declared, is_held
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.write import origins
 from elid_cli.robot.xml_text import quoted, xml_number, xml_numbers
 
 ROTOR_SHARE = 1e-3
 """Part of a link's mass that its rotor carries, at the link's centre of mass, so that it does not matter."""
+BODY_SHARE = 1e-4
+"""Part of a reflected inertia that is its rotor's body: MuJoCo asks every body for some."""
 TIMESTEP = 5e-4
 """s; longest time step that is written …"""
 MODE_STEP = 1.0
@@ -49,8 +53,9 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     Parameters
     ----------
     robot
-        Any convention. Springs on links are joints' stiffness, friction that fades in softens their friction; its
-        other effects are named in a comment, and not exported.
+        Any convention. Springs on links are joints' stiffness, friction that fades in softens their friction; friction
+        and damping of elastic joints' links and transmissions are those of joints and tendons. Its other effects are
+        named in a comment, and not exported.
     parameters
         Standard parameters in standard order, shape (p,); the robot's reference values if None. Where they are not
         those of real bodies, parameters that no motion notices are changed until they are.
@@ -63,7 +68,8 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     values = known_parameters(robot, parameters)
     full, links = apart(robot, values)
     lines = [f"<mujoco model={quoted(robot.name)}>"]
-    beyond = [s.effect for s in robot.effects if s.effect != SPRING and not is_soft_in_mjcf(robot, s)]
+    new = replace(robot, source="")
+    beyond = [s.effect for s in robot.effects if not is_held(new, s) and not is_soft_in_mjcf(robot, s)]
     if beyond:
         names = ", ".join(beyond)
         lines.append(f"  <!-- not in this file, though the robot description has them: {names} -->")
@@ -74,7 +80,7 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
         "  <worldbody>",
         *_bodies(full, links, soft_attributes(full)),
         "  </worldbody>",
-        *_transmissions(full.joints),
+        *_transmissions(full),
         *_motors(full.joints),
         *_sensors(full.joints),
         "</mujoco>",
@@ -117,7 +123,7 @@ def _bodies(robot: Robot, links: list[Array], soft: Mapping[str, Mapping[str, st
         if link is not None:
             yield pad + _inertial(link)
             joint = robot.joints[parent]
-            yield pad + _link_joint(joint, springs.get(parent), soft.get(joint.name))
+            yield pad + _link_joint(robot, joint, springs.get(parent), soft.get(joint.name))
         for k in on:
             end = places[k][:3, 3]
             if link is not None and np.linalg.norm(end) > 1e-6:
@@ -150,7 +156,7 @@ def _inertial(link: Array) -> str:
     return f'<inertial pos="{xml_numbers(centre)}" mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"/>'
 
 
-def _link_joint(joint: Joint, spring: Mapping[str, float] | None, soft: Mapping[str, str] | None) -> str:
+def _link_joint(robot: Robot, joint: Joint, spring: Mapping[str, float] | None, soft: Mapping[str, str] | None) -> str:
     kind = "hinge" if joint.revolute else "slide"
     limits = (
         f' limited="true" range="{xml_numbers(joint.limits.position)}"' if joint.limits.position is not None else ""
@@ -162,6 +168,9 @@ def _link_joint(joint: Joint, spring: Mapping[str, float] | None, soft: Mapping[
         constraint = " ".join(f'{name}="{value}"' for name, value in firm.items())
         friction = f'frictionloss="{xml_number(max(own.get("fs", 0.0), 0.0))}" {constraint}'
         motor = f' armature="{xml_number(own["Ja"])}" damping="{xml_number(own.get("fv", 0.0))}" {friction}'
+    for attribute, effect in LINK_EFFECTS.items() if joint.elastic else ():
+        if value := declared(robot, joint.name, *effect):
+            motor += f' {attribute}="{xml_number(value)}"'
     if spring is not None:
         stiffness, rest = stiffness_and_rest(spring)
         motor += f' stiffness="{xml_number(stiffness)}" springref="{xml_number(rest)}"'
@@ -170,7 +179,10 @@ def _link_joint(joint: Joint, spring: Mapping[str, float] | None, soft: Mapping[
 
 def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
     k = _ratio(joint)
-    inertia = joint.parameters["Jm" if joint.gear_ratio is not None else "Ja"]
+    # an armature couples to nothing, as a reflected inertia does
+    whole = joint.parameters["Jm" if joint.gear_ratio is not None else "Ja"]
+    inertia = whole if joint.gear_ratio is not None else BODY_SHARE * whole
+    armature = "" if joint.gear_ratio is not None else f' armature="{xml_number(whole - inertia)}"'
     friction = xml_number(max(joint.parameters.get("fs", 0.0), 0.0) / abs(k))
     damping = xml_number(joint.parameters.get("fv", 0.0) / k**2)
     name = joint.name + "_rotor"
@@ -180,7 +192,7 @@ def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
     yield f'{pad}  <inertial pos="0 0 0" mass="{xml_number(mass)}" diaginertia="{half} {half} {xml_number(inertia)}"/>'
     yield (
         f'{pad}  <joint name={quoted(name)} type="hinge" axis="0 0 1" '
-        f'damping="{damping}" frictionloss="{friction}" solreffriction="{2 * TIMESTEP} 1"/>'
+        f'damping="{damping}" frictionloss="{friction}" solreffriction="{2 * TIMESTEP} 1"{armature}/>'
     )
     yield f"{pad}</body>"
 
@@ -190,12 +202,16 @@ def _ratio(joint: Joint) -> float:
     return 1.0 if joint.gear_ratio is None else joint.gear_ratio
 
 
-def _transmissions(joints: tuple[Joint, ...]) -> Iterator[str]:
+def _transmissions(robot: Robot) -> Iterator[str]:
+    joints = robot.joints
     if any(joint.elastic for joint in joints):
         yield "  <tendon>"
         for joint in (joint for joint in joints if joint.elastic):
             name = quoted(joint.name + "_transmission")
-            yield f'    <fixed name={name} stiffness="{xml_number(joint.parameters["K"])}" springlength="0">'
+            stiffness = f'stiffness="{xml_number(joint.parameters["K"])}"'
+            if value := declared(robot, joint.name, *DAMPING):
+                stiffness += f' damping="{xml_number(value)}"'
+            yield f'    <fixed name={name} {stiffness} springlength="0">'
             yield f'      <joint joint={quoted(joint.name)} coef="1"/>'
             yield f'      <joint joint={quoted(joint.name + "_rotor")} coef="{xml_number(-1 / _ratio(joint))}"/>'
             yield "    </fixed>"

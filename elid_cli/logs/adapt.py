@@ -22,6 +22,7 @@ from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.robot.locking import beyond_limits, locked
+from elid_cli.robot.mjcf.held import folded
 from elid_cli.robot.robot import Joint, Robot
 
 SAME = "q and theta differ by no more than a constant and sensor noise"
@@ -85,7 +86,7 @@ def robot_as_logged(
             decided.setdefault(said, []).append(joint.name)
     if parts:
         notes += [f"{_listed(names)} taken as {what}" for what, names in decided.items()]
-    return replace(robot, joints=tuple(joints), notes=(*notes, *_ungeared(robot)))
+    return folded(replace(robot, joints=tuple(joints), notes=(*notes, *_ungeared(robot))))
 
 
 def joints_held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None = None) -> frozenset[str]:
@@ -113,10 +114,15 @@ def _without_absent(robot: Robot, parts: Sequence[_Held]) -> tuple[Robot, list[s
 
 def _ungeared(robot: Robot) -> list[str]:
     """Return a sentence on the joints whose gear ratio is not known."""
-    unknown = [joint.name for joint in robot.joints if joint.gear_ratio is None]
+    unknown = [joint.name for joint in robot.joints if joint.gear_ratio is None and not _turning_alone(robot, joint)]
     whose = "no gear ratio is known" if len(unknown) == robot.n else f"gear ratio not known: {_listed(unknown)}"
     ja = "a rotor is then described by its inertia at the joint (Ja), without coupling to others"
     return [f"{whose}; {ja}"] if unknown else []
+
+
+def _turning_alone(robot: Robot, joint: Joint) -> bool:
+    """Whether the robot's file has a rotor that turns otherwise than the joint, and couples to nothing."""
+    return abs(robot.rotors.get(joint.name, ("", 1.0))[1]) != 1.0
 
 
 @dataclass(frozen=True)

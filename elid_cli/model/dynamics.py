@@ -50,6 +50,8 @@ class Dynamics:
     friction_width
         Speed (rad/s; a tenth of it in m/s) over which Coulomb friction's sign(v) is rounded as tanh(v / width). There
         is no stiction state: a joint held by friction creeps at less than about this speed.
+    inert
+        Whether motors behind springs must have an inertia, as every acceleration needs.
 
     Raises
     ------
@@ -59,7 +61,12 @@ class Dynamics:
     """
 
     def __init__(
-        self, robot: Robot, parameters: Array | None = None, *, friction_width: float = DIRECTION_WIDTH
+        self,
+        robot: Robot,
+        parameters: Array | None = None,
+        *,
+        friction_width: float = DIRECTION_WIDTH,
+        inert: bool = True,
     ) -> None:
         self.robot = robot
         self._friction_width = friction_width
@@ -75,7 +82,7 @@ class Dynamics:
         self.stiffness = np.array([self._values.get(StandardParameter("K", k), math.nan) for k in range(robot.n)])
         """K of every joint, NaN where rigid, shape (n,)."""
         for k, inertia in zip(self.elastic, self._folded.motor_inertia(), strict=True):
-            if not inertia > 0:
+            if inert and not inertia > 0:
                 raise self._no_rotor(k)
 
     def acceleration(

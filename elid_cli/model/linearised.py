@@ -53,7 +53,7 @@ class Linearised:
     def __init__(self, robot: Robot, without: tuple[str, ...] = ("fs", "fv")) -> None:
         values = robot.reference().copy()
         values[[name.kind in without for name in robot.parameter_names()]] = 0.0
-        dynamics = Dynamics(robot, values)
+        dynamics = Dynamics(robot, values, inert="Ja" not in without)  # which a variant then adds
         self._program = dynamics.inverse_program
         self.robot = robot
         self.coordinates = coordinates_of(robot)

@@ -53,7 +53,7 @@ def locked(robot: Robot, values: Mapping[str, float]) -> Robot:
             x, y, z = (pose[:3, :3] @ joint.motor_axis + 0.0).tolist()
             kept.append((replace(joint, motor_axis=(x, y, z)), carrier, origin))
             continue
-        at = origin @ _motion(joint, values[joint.name])
+        at = origin @ motion(joint, values[joint.name])
         carriers.append((carrier, at))
         held = bodies[carrier + 1]
         if body is not None and (held is not None or carrier < 0):
@@ -115,7 +115,7 @@ def _body(joint: Joint) -> Array | None:
     return pseudo_inertia(np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS]))
 
 
-def _motion(joint: Joint, value: float) -> Array:
+def motion(joint: Joint, value: float) -> Array:
     """Return the 4x4 motion of a joint at a value about or along its own axis, in its own frame."""
     turn = z_to(joint.axis)
     move = rotation_z(value) if joint.revolute else translation(0.0, 0.0, value)

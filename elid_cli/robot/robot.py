@@ -159,6 +159,8 @@ class Robot:
     """That file's joints that are locked, with their values, rad or m."""
     order: tuple[str, ...] = field(default=(), compare=False)
     """Where joints are locked, the names of all of them, those that are locked in their places."""
+    rotors: Mapping[str, tuple[str, float]] = field(default_factory=_empty, compare=False)
+    """Joints with a rotor of its own in that file, an MJCF: the rotor's joint, and its turns per joint turn."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What a reader of its results must know of how it was read: sentences."""
 
@@ -247,14 +249,14 @@ class Robot:
         return f"in {Path(self.source).with_suffix('.elid.yaml')} (elid init writes it)"
 
     def known_ratios(self, what: str, joints: Iterable[str] | None = None) -> Array:
-        """Return `gear_ratios` where `what` needs those of some joints (None: of all).
+        """Return `gear_ratios` where `what` needs those of some joints (None: of all); RobotError: one is unknown.
 
-        Raises
-        ------
-        RobotError
-            One of them is unknown.
+        Those of rotors of their own are known where they do not couple, too; 1 may only mean that nobody knew.
         """
-        unknown = [j.name for j in self.joints if j.gear_ratio is None and (joints is None or j.name in joints)]
+        turns = {name: ratio for name, (_, ratio) in self.rotors.items() if abs(ratio) != 1.0}
+        known = [turns.get(j.name) if j.gear_ratio is None else j.gear_ratio for j in self.joints]
+        asked = self.joint_names if joints is None else joints
+        unknown = [name for name, ratio in zip(self.joint_names, known, strict=True) if ratio is None and name in asked]
         if unknown:
             raise RobotError(
                 f"{what} needs the gear ratio of {' '.join(unknown)}",
@@ -263,7 +265,7 @@ class Robot:
                 if self.source
                 else "gear_ratio: 100",
             )
-        return self.gear_ratios
+        return np.array(known, dtype=float)
 
     @property
     def rotor_names(self) -> tuple[StandardParameter, ...]:

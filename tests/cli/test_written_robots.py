@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from elid_cli.cli import main
-from elid_cli.cli.robot_files import stays_aside
+from elid_cli.cli.robot_files import not_held, stays_aside
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.logs.writing import write_recording
-from elid_cli.robot.files import read_robot
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.files import read_robot, write_robot
+from elid_cli.robot.robot import EffectSpec, Robot
 
 ROOT = Path(__file__).parents[2]
 
@@ -87,3 +87,30 @@ def test_what_the_yaml_beside_a_file_says_and_the_file_cannot_is_told(tmp_path: 
         "gravity: [0, -9.81, 0]: out.elid.yaml has to hold it; without that the file means [0, 0, -9.81]"
     ]
     assert stays_aside(robot, "out.yaml") == []
+
+
+def test_an_mjcf_with_rotors_holds_gears_stiffnesses_and_damping(
+    planar: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damped = EffectSpec("transmission_damping", "joint1", {"damping": 8.0})
+    spring = EffectSpec("link_spring", "joint2", {"stiffness": 30.0, "preload": -12.0})
+    robot = replace(planar, effects=(damped, spring))
+    log, own, xml, again = (str(tmp_path / name) for name in ("log.h5", "own.yaml", "found.xml", "again.xml"))
+    write_recording(simulate(robot, SimulationOptions(duration=8.0, rate=500.0, seed=3)), log)
+    write_robot(robot, own)
+    assert main(["identify", log, "--robot", own, "--write-robot", xml]) == 0
+    assert main(["identify", log, "--robot", xml, "--write-robot", again]) == 0
+    told = capsys.readouterr().err
+    for words in ("gear ratio", "are rigid", "transmission_damping", "link_spring"):
+        assert words not in told
+    for file in (xml, again):
+        found = read_robot(file)
+        assert [(spec.effect, spec.joint) for spec in found.effects] == [
+            ("transmission_damping", "joint1"), ("link_spring", "joint2"),
+        ]  # fmt: skip
+        assert found.effects[0].parameters["damping"] == pytest.approx(8.0, rel=0.05)
+        assert [joint.gear_ratio for joint in found.joints] == [0.1, 0.1]
+    assert not_held(read_robot(xml), "set.xml") == []
+    beside = replace(planar, effects=(EffectSpec("link_viscous", "joint1", {"friction": 1.0}),))
+    assert not_held(beside, "set.xml") == []
+    assert not_held(beside, "set.urdf") == ["link_viscous of joint1: the format cannot hold it"]

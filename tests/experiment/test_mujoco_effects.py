@@ -118,6 +118,18 @@ def test_every_effect_accelerates_as_in_elid(name: str, rigid: bool, snippet: Mo
         assert np.abs(elid - theirs).max() < 1e-6 * np.abs(elid).max() + 2e-3 * size
 
 
+def test_rotors_of_other_names_are_those_of_the_file(snippet: ModuleType, tmp_path: Path) -> None:
+    text = mjcf_text(arm()).replace('"joint2_rotor"', '"spinner"')
+    (tmp_path / "own.xml").write_text(text)
+    robot = read_robot(tmp_path / "own.xml")
+    assert robot.rotors["joint2"] == ("spinner", 0.1)
+    drag = replace(robot, effects=(of("quadratic_viscous"),))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "own.xml"))
+    applied = snippet.Effects(model, filed(drag, tmp_path))
+    ((_, joint, motor, turns, _),) = applied.effects
+    assert (model.joint(joint).name, model.joint(motor).name, turns) == ("joint2", "spinner", 0.1)
+
+
 def motion(robot: Robot, steps: int, h: float) -> np.ndarray:
     """Return elid's link positions under a known torque, (steps, n)."""
     dynamics = Dynamics(robot, known_parameters(robot))

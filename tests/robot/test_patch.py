@@ -14,7 +14,8 @@ from elid_cli.model.body_torques import gravity_torques, inertial_torques
 from elid_cli.robot.files import read_robot, robot_from_text, write_robot
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import LINK_PARAMETERS
-from elid_cli.robot.patch import _alike, patched
+from elid_cli.robot.patch import patched
+from elid_cli.robot.patch_values import alike
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import in_joint_frames
 from elid_cli.robot.xml_edit import XmlEdit
@@ -178,11 +179,11 @@ def test_another_torque_limit_reads_back(text: str, name: str, tmp_path: Path) -
 
 def test_attributes_of_several_numbers_or_words_are_compared_as_they_are() -> None:
     """A `actuatorfrcrange` that a file had already ended in an error."""
-    assert _alike("-6.0 6.0", "-6 6")
-    assert _alike("true", "true")
-    assert not _alike("-6.0 6.0", "-5 5")
-    assert not _alike("6.0", "-6 6")
-    assert not _alike("auto", "true")
+    assert alike("-6.0 6.0", "-6 6")
+    assert alike("true", "true")
+    assert not alike("-6.0 6.0", "-5 5")
+    assert not alike("6.0", "-6 6")
+    assert not alike("auto", "true")
 
 
 TOOLED = {

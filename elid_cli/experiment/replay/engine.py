@@ -15,7 +15,7 @@ from elid_cli.experiment.mjcf import mjcf_text
 from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.runs import Run
-from elid_cli.robot.mjcf.read import SPRING
+from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import Robot
 
 FINER = 4
@@ -45,7 +45,8 @@ def mujoco_motion(robot: Robot, runs: Sequence[Run], offsets: Array, file: str |
     if file is not None:
         model = _held(mujoco, file)
         return [_stepped(mujoco, model, robot, run, offsets, 1) for run in runs]
-    held = tuple(spec for spec in robot.effects if spec.effect == SPRING or is_soft_in_mjcf(robot, spec))
+    robot = replace(robot, source="", rotors={})
+    held = tuple(spec for spec in robot.effects if is_held(robot, spec) or is_soft_in_mjcf(robot, spec))
     model = mujoco.MjModel.from_xml_string(mjcf_text(replace(robot, effects=held)))
     return [_stepped(mujoco, model, robot, run, offsets, FINER) for run in runs]
 
@@ -67,12 +68,12 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
     model.opt.timestep = run.dt / (steps * finer)
     data = mujoco.MjData(model)
     links = [model.joint(name) for name in robot.joint_names]
-    motors = [model.joint(name) for name in _motor_names(robot, model)]
+    motors = [model.joint(name) for name, _ in _motors(robot, model)]
     at, dof = (np.array([int(item[0]) for item in got]) for got in (
         [joint.qposadr for joint in links], [joint.dofadr for joint in links]))  # fmt: skip
     own, push = (np.array([int(item[0]) for item in got]) for got in (
         [joint.qposadr for joint in motors], [joint.dofadr for joint in motors]))  # fmt: skip
-    turns = np.where(own == at, 1.0, [joint.gear_ratio or 1.0 for joint in robot.joints])
+    turns = np.where(own == at, 1.0, [ratio for _, ratio in _motors(robot, model)])
     n = robot.n
     x, v = run.start
     motor = coordinates_of(robot).motors
@@ -99,7 +100,8 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
     return found
 
 
-def _motor_names(robot: Robot, model: Any) -> list[str]:
-    """Return the joint of the exported model that each motor turns: a rotor of its own where the joint is elastic."""
+def _motors(robot: Robot, model: Any) -> list[tuple[str, float]]:
+    """Return the model's joint that each motor turns, a rotor's where it has one, and its turns per joint turn."""
     names = {model.joint(k).name for k in range(model.njnt)}
-    return [rotor if (rotor := f"{joint.name}_rotor") in names else joint.name for joint in robot.joints]
+    rotors = {j.name: (f"{j.name}_rotor", j.gear_ratio or 1.0) for j in robot.joints} | dict(robot.rotors)
+    return [rotors[name] if rotors[name][0] in names else (name, 1.0) for name in robot.joint_names]

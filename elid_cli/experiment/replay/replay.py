@@ -29,8 +29,8 @@ from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised, Local
 from elid_cli.model.rollout import Added, Along, motion_of
 from elid_cli.model.runs import Run, runs_of
-from elid_cli.robot.mjcf.read import SPRING
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.mjcf.held import is_held
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording, with_commands
 from elid_cli.tables import Shown
 
@@ -148,7 +148,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
         from elid_cli.experiment.replay.engine import mujoco_motion
 
         found = mujoco_motion(robot, runs, offsets, options.mjcf)
-        left_out = (*left_out, *_beyond_mujoco(robot))
+        left_out = _beyond_mujoco(robot, left_out)
     else:
         found = _motion(robot, runs, offsets)
     t = np.concatenate([run.t for run in runs])
@@ -166,11 +166,16 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     )  # fmt: skip
 
 
-def _beyond_mujoco(robot: Robot) -> tuple[str, ...]:
-    """Return the effects that elid's replay holds and MuJoCo's does not."""
-    acting_here = (spec for spec in robot.effects if can_act(resolve(robot, spec)[0]))
-    beyond = (spec for spec in acting_here if spec.effect != SPRING and not is_soft_in_mjcf(robot, spec))
-    return tuple(f"{spec.effect} of {spec.joint}" for spec in beyond)
+def _beyond_mujoco(robot: Robot, left_out: Sequence[str]) -> tuple[str, ...]:
+    """Return the effects that MuJoCo's replay does not hold, from those that elid's does not: some are the model's."""
+    held = [spec for spec in robot.effects if is_held(robot, spec) or is_soft_in_mjcf(robot, spec)]
+    acting_here = (spec for spec in robot.effects if spec not in held and can_act(resolve(robot, spec)[0]))
+    names = {_named(spec) for spec in held}
+    return (*(name for name in left_out if name not in names), *map(_named, acting_here))
+
+
+def _named(spec: EffectSpec) -> str:
+    return f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect
 
 
 def _no_driving_friction(robot: Robot) -> None:
@@ -244,5 +249,5 @@ def _of_channels(robot: Robot) -> tuple[Array, tuple[str, ...]]:
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
         elif not (kind.of_drive in ("gain", "integral", "filter") or kind.corrects or kind.of_channel or can_act(kind)):
-            left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
+            left.append(_named(spec))
     return offsets, tuple(left)

@@ -14,6 +14,7 @@ from elid_cli.robot.urdf.xml import Element
 
 MAIN = "main"
 ACTUATORS = ("motor", "position", "velocity", "general", "intvelocity", "damper", "cylinder", "muscle", "adhesion")
+TENDONS = ("fixed", "spatial")
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class Conventions:
         if name not in self.defaults:
             raise element.error(f"no default class {name!r}")
         tags = (element.tag, "general") if element.tag in ACTUATORS else (element.tag,)
+        tags = ("tendon",) if element.tag in TENDONS else tags
         inherited = next((self.defaults[name][tag] for tag in tags if tag in self.defaults[name]), {})
         return replace(element, attributes={**inherited, **element.attributes})
 

@@ -7,8 +7,8 @@ the inertia of bodies that have nothing but meshes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,44 +17,18 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.robot.frames import rotation_z, rpy_of, translation, z_to
 from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.mjcf.attributes import ACTUATORS, MAIN, Conventions, merged
+from elid_cli.robot.mjcf.attributes import MAIN, Conventions, merged
+from elid_cli.robot.mjcf.drives import Drives, Motor
 from elid_cli.robot.mjcf.elements import axis_of, first_number, included, inertial_of, placed_frames
 from elid_cli.robot.mjcf.geoms import geom_inertia
+from elid_cli.robot.mjcf.held import DAMPING, LINK_EFFECTS, SPRING
+from elid_cli.robot.mjcf.moving import MovingJoint
+from elid_cli.robot.mjcf.rotors import Rotor, RotorSearch, motor_parameters, own_motor
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import BASE, MOST_READ, EffectSpec, Joint, Limits, Robot
 from elid_cli.robot.urdf.xml import Element, parse_xml
 
 MOVING = {"hinge": "revolute", "slide": "prismatic"}
-SPRING = "link_spring"
-"""Effect that `stiffness` and `springref` of a joint stand for."""
-
-
-@dataclass
-class MovingJoint:
-    """A joint that moves: where it stands in the file and in the tree, and the inertia it moves (None: unknown)."""
-
-    name: str
-    element: Element
-    """With the attributes of its class."""
-    origin: Array
-    """4x4 pose in the frame of the joint that carries it."""
-    parent: int
-    body: Array | None = field(default_factory=lambda: np.zeros((4, 4)))
-    owner: Element | None = None
-    """The body element that carries the inertia; None of the first of several joints of one body."""
-    own: Array = field(default_factory=lambda: np.zeros((4, 4)))
-    """The 4x4 pseudo-inertia of that body alone, in its own frame."""
-    fixed: list[Element] = field(default_factory=list)
-    """The bodies that it carries without a joint in between, and that have a mass."""
-
-    def add(self, body: Element, inertia: Array, pose: Array) -> None:
-        """Add a body that it moves, of a 4x4 pseudo-inertia in its own frame, which is at a 4x4 pose in the joint's."""
-        if self.owner is body:
-            self.own = inertia
-        elif inertia.any():
-            self.fixed.append(body)
-        if self.body is not None:
-            self.body = self.body + moved(inertia, pose)
 
 
 def read_mjcf(text: str, file: str) -> Robot:
@@ -91,21 +65,76 @@ class MjcfTree:
     def robot(self) -> Robot:
         """Return the robot."""
         self._refuse_loops()
-        self._compile_meshes()
-        names = [joint.name for joint in self.moving]
-        joints = tuple(self._joint(k, names) for k in range(len(names)))
-        springs = tuple(spec for item in self.moving for spec in self._spring(item))
+        kept = [k for k in range(len(self.moving)) if k not in self.ridden]
+        motors = {self.moving[k].name: self._motor(k) for k in kept}
+        bodies = self._bodies()
+        joints: list[Joint] = []
+        for k in kept:
+            joints.append(self._joint(k, bodies[k], motors[self.moving[k].name], joints[-1].name if joints else BASE))
         x, y, z = merged(self.root, "option").numbers("gravity", (0.0, 0.0, -9.81))
         notes = [f"{name} is held fixed: free joints are not modelled" for name in self.held]
-        control = self._control(names)
+        read = {rotor.coupling.place for rotor in self.rotors.values()}
         tendons = [tendon for holder in self.root.all("tendon") for tendon in holder.children]
-        if tendons:
-            notes.append(f"{len(tendons)} tendons are not modelled")
+        if beyond := sum(tendon.place not in read for tendon in tendons):
+            notes.append(f"{beyond} tendons are not modelled")
+        rotors = {self.moving[k].name: (self.moving[r.number].name, r.turns) for k, r in self.rotors.items()}
+        carriers = {self.moving[k].name: self._carrier_name(k) for k in self.ridden}
         return Robot(
             name=self.root.attributes.get("model") or Path(self.file).stem,
-            joints=joints, gravity=(x, y, z), dh="urdf", effects=springs, links=self.links, control=control,
-            notes=(*notes, *self.root.faults),
+            joints=tuple(joints), gravity=(x, y, z), dh="urdf",
+            effects=tuple(spec for k in kept for spec in self._effects(k)),
+            links={link: carriers.get(joint, joint) for link, joint in self.links.items()},
+            control=self.drives.gains(motors), rotors=rotors, notes=(*notes, *self.root.faults),
         )  # fmt: skip
+
+    @cached_property
+    def drives(self) -> Drives:
+        """The actuators."""
+        return Drives(self.root, self.conventions)
+
+    @cached_property
+    def rotors(self) -> dict[int, Rotor]:
+        """Rotors of their own, by the number of the joint that they drive."""
+        self._compile_meshes()
+        driven = [item.name for item in self.moving if any(self.drives.of(item.name))]
+        return RotorSearch(self.root, self.conventions, self.moving, driven).found()
+
+    @cached_property
+    def ridden(self) -> dict[int, int]:
+        """The joints that are rotors, with the number of the joint that each drives."""
+        return {rotor.number: link for link, rotor in self.rotors.items()}
+
+    def _carrier_name(self, k: int) -> str:
+        parent = self.moving[k].parent
+        return self.moving[parent].name if parent >= 0 else BASE
+
+    def _motor(self, k: int) -> Motor:
+        """Return what drives a joint: its rotor where it has one of its own."""
+        rotor = self.rotors.get(k)
+        item = self.moving[k if rotor is None else rotor.number]
+        return Motor(item.name, item.element, 1.0 if rotor is None else rotor.turns)
+
+    def _bodies(self) -> list[Array | None]:
+        """Return what every joint carries up to the next, 4x4 in its frame (None: unknown): the rotors ride on it."""
+        bodies = [item.body for item in self.moving]
+        for number in self.ridden:
+            rotor = self.moving[number]
+            body = bodies[rotor.parent] if rotor.parent >= 0 else None
+            if body is not None and rotor.body is not None:
+                bodies[rotor.parent] = body + moved(rotor.body, rotor.origin)
+        for link in self.rotors:
+            body, element = bodies[link], self.moving[link].element
+            armature = first_number(element, "armature") if "armature" in element.attributes else 0.0
+            if not armature or body is None:
+                continue
+            if not self.moving[link].turns:
+                element.fault("its armature, on the link's side of its transmission, is not modelled")
+                continue
+            element.fault("its armature, on the link's side of its transmission, is taken as its body's")
+            axis = np.array(axis_of(element))
+            tensor = armature * np.outer(axis, axis)
+            bodies[link] = body + pseudo_inertia(about_origin(0.0, np.zeros(3), tensor))
+        return bodies
 
     def _walk(self, holder: Element, carrier: int, pose: Array, childclass: str) -> None:
         """Visit the bodies inside a body, a ``<frame>`` or the world, at a 4x4 pose in the carrier's frame."""
@@ -177,88 +206,67 @@ class MjcfTree:
                 total = total + moved(inertia, at)
         return total
 
-    def _joint(self, k: int, names: list[str]) -> Joint:
+    def _joint(self, k: int, body: Array | None, motor: Motor, before: str) -> Joint:
         item = self.moving[k]
-        element = item.element
+        rotor = self.rotors.get(k)
         values: dict[str, float] = {}
-        if item.body is not None:
-            values |= zip(LINK_PARAMETERS, inertial_parameters(item.body).tolist(), strict=True)
-        for key, attribute in (("Ja", "armature"), ("fs", "frictionloss"), ("fv", "damping")):
-            if attribute in element.attributes:
-                values[key] = first_number(element, attribute)
+        if body is not None:
+            values |= zip(LINK_PARAMETERS, inertial_parameters(body).tolist(), strict=True)
+        values |= own_motor(item.element) if rotor is None else motor_parameters(rotor, motor.element, item.element)
         x, y, z = item.origin[:3, 3].tolist()
-        before = names[k - 1] if k else BASE
-        parent = names[item.parent] if item.parent >= 0 else BASE
-        kind = MOVING[element.attributes.get("type", "hinge")]
+        parent = self._carrier_name(k)
+        geared, beside = rotor is not None and rotor.couples, rotor is not None and rotor.beside
         return Joint(
             name=item.name,
-            type="revolute" if kind == "revolute" else "prismatic",
+            type="revolute" if item.turns else "prismatic",
             parent="" if parent == before else parent,
-            transmission="auto",
+            gear_ratio=motor.turns if geared else None,
+            motor_axis=self._axis_of_rotor(rotor.number) if rotor is not None and beside else (0.0, 0.0, 1.0),
+            transmission="rigid" if rotor is not None and not rotor.elastic else "auto",
             parameters=values,
-            limits=self._limits(item),
+            limits=Limits(position=self._range(item), torque=self.drives.torque_limit(motor)),
             xyz=(x, y, z),
             rpy=rpy_of(item.origin),
-            axis=axis_of(element),
+            axis=axis_of(item.element),
         )
 
-    def _limits(self, item: MovingJoint) -> Limits:
+    def _axis_of_rotor(self, number: int) -> tuple[float, float, float]:
+        """Return the unit vector of a rotor's axis in the frame of the joint that carries it."""
+        rotor = self.moving[number]
+        x, y, z = (rotor.origin[:3, :3] @ axis_of(rotor.element)).tolist()
+        return x, y, z
+
+    def _range(self, item: MovingJoint) -> tuple[float, float] | None:
         element = item.element
-        position = None
         limited = element.attributes.get("limited", "auto")
-        if "range" in element.attributes and (limited == "true" or (limited == "auto" and self.conventions.autolimits)):
-            low, high = element.numbers("range", (0.0, 0.0))
-            if element.attributes.get("type", "hinge") == "hinge":
-                low, high = self.conventions.angle(low), self.conventions.angle(high)
-            position = (low, high) if low < high else None
-        torques = [self._torque(actuator) for actuator in self._actuators(item.name)]
-        if "actuatorfrcrange" in element.attributes and element.attributes.get("actuatorfrclimited") != "false":
-            torques.append(max(map(abs, element.numbers("actuatorfrcrange", (0.0, 0.0)))))
-        torque = min((value for value in torques if value > 0), default=None)
-        return Limits(position=position, torque=torque)
+        if "range" not in element.attributes or not (
+            limited == "true" or (limited == "auto" and self.conventions.autolimits)
+        ):
+            return None
+        low, high = element.numbers("range", (0.0, 0.0))
+        if item.turns:
+            low, high = self.conventions.angle(low), self.conventions.angle(high)
+        return (low, high) if low < high else None
 
-    def _actuators(self, joint: str) -> Iterator[Element]:
-        for holder in self.root.all("actuator"):
-            for element in holder.children:
-                if element.tag in ACTUATORS and element.attributes.get("joint") == joint:
-                    yield self.conventions.effective(element, MAIN)
-
-    def _control(self, joints: Sequence[str]) -> dict[str, dict[str, float]]:
-        """Return gains of the position actuators, empty unless every joint has one of which both are told.
-
-        A damping ratio is none: it depends on the inertia that the compiler sees. Commands of one with a gear are not
-        positions of the joint.
-        """
-        gains: dict[str, dict[str, float]] = {"kp": {}, "kd": {}}
-        for name in joints:
-            for actuator in self._actuators(name):
-                told = {"kp", "kv"} <= set(actuator.attributes) and "dampratio" not in actuator.attributes
-                direct = "gear" not in actuator.attributes or first_number(actuator, "gear") == 1.0
-                if actuator.tag == "position" and told and direct:
-                    gains["kp"][name] = actuator.number("kp", 0.0)
-                    gains["kd"][name] = actuator.number("kv", 0.0)
-        return gains if set(gains["kp"]) == set(joints) else {}
-
-    @staticmethod
-    def _torque(actuator: Element) -> float:
-        """Return the largest torque of an actuator at its joint, 0 where it has no limit."""
-        gear = abs(first_number(actuator, "gear")) if "gear" in actuator.attributes else 1.0
-        sizes = []
-        for key in ("forcerange", *(("ctrlrange",) if actuator.tag == "motor" else ())):
-            if key in actuator.attributes:
-                sizes.append(gear * max(map(abs, actuator.numbers(key, (0.0, 0.0)))))
-        return min((size for size in sizes if size > 0), default=0.0)
-
-    def _spring(self, item: MovingJoint) -> Iterator[EffectSpec]:
-        """Yield the spring that a joint has to the body that carries it."""
-        stiffness = first_number(item.element, "stiffness") if "stiffness" in item.element.attributes else 0.0
+    def _effects(self, k: int) -> Iterator[EffectSpec]:
+        """Yield the spring that a joint has to the body that carries it, and what damps its two sides."""
+        item, rotor = self.moving[k], self.rotors.get(k)
+        given = item.element.attributes
+        stiffness = first_number(item.element, "stiffness") if "stiffness" in given else 0.0
         if stiffness:
             rest = item.element.number("springref", 0.0)
-            if item.element.attributes.get("type", "hinge") == "hinge":
-                rest = self.conventions.angle(rest)
+            rest = self.conventions.angle(rest) if item.turns else rest
             yield EffectSpec(SPRING, item.name, {"stiffness": stiffness, "preload": -stiffness * rest})
+        if rotor is None or not rotor.elastic:
+            return
+        for attribute, (effect, parameter) in LINK_EFFECTS.items():
+            if attribute in given and (value := first_number(item.element, attribute)):
+                yield EffectSpec(effect, item.name, {parameter: value})
+        if "damping" in rotor.coupling.attributes and (value := first_number(rotor.coupling, "damping")):
+            yield EffectSpec(DAMPING[0], item.name, {DAMPING[1]: value * rotor.lever**2})
 
     def _refuse_loops(self) -> None:
+        read = {rotor.coupling.place for rotor in self.rotors.values()}
         for holder in self.root.all("equality"):
             for element in holder.children:
                 if element.attributes.get("active", "true") == "false":
@@ -269,12 +277,12 @@ class MjcfTree:
                     raise element.error(what, hint='take the constraint out, or set active="false"')
                 if element.tag == "joint":
                     follower = element.attributes.get("joint1", "")
-                    if "joint2" in element.attributes:
+                    if "joint2" in element.attributes and element.place not in read:
                         element.fault(f"{follower} follows another joint in the file; here it is one of its own")
 
     def _compile_meshes(self) -> None:
         """Fill in the inertia of bodies that have nothing but meshes, as MuJoCo finds it."""
-        if not self.meshes:
+        if not any(self.moving[carrier].body is None for carrier, _ in self.meshes):
             return
         names = ", ".join(body.attributes.get("name", "a body") for _, body in self.meshes[:4])
         try:

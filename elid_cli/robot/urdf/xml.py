@@ -40,6 +40,11 @@ class Element:
             return f"{self.tag} {self.attributes['name']!r}"
         return f"{self.tag} of {self.owner}" if self.owner else self.tag
 
+    @property
+    def place(self) -> tuple[str, int]:
+        """The file, and its first byte there: where it is among all that a model includes."""
+        return self.file, self.start
+
     def error(self, what: str, *, hint: str = "") -> RobotError:
         """Return the error ``file:line: <tag name>: what``, to be raised."""
         return RobotError(f"{self.file}:{self.line}: {self.label}: {what}", hint=hint)

@@ -12,8 +12,8 @@ from elid_cli.model.effects import effect_classes
 PACKAGE = Path(__file__).parents[3] / "elid_cli"
 LIBRARY = PACKAGE / "model/effects/library"
 NAMES = frozenset(effect_classes())
-MJCF = {"contact", "link_spring"}
-"""In the reader of MJCF: an element that is spelled alike; what the joint springs of that format are as effects."""
+MJCF = {"contact", "link_spring", "link_viscous", "link_coulomb", "transmission_damping"}
+"""In the reader of MJCF: an element that is spelled alike; what springs, damping and friction there are as effects."""
 
 SPELLED_ALIKE = {
     "robot/beside.py": {"payload"},
