@@ -54,6 +54,8 @@ STEPPED = 3e-4
 """Part of itself to which the steps of the simulation, in which a drive enters its limit, give it."""
 STEPS = 10
 """Steps by which a limit is fitted."""
+AGAIN, NEARER = 12, 0.02
+"""Times that limits are fitted again beside unknowns that are found anew, and what the loss must fall by for more."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,18 @@ def limited(fit: TrajectoryFit, kinds: Sequence[type[Effect]]) -> tuple[Trajecto
             break
     if not found:
         return fit, ()
-    return sharpened(fit, [TorqueLimit(joint, limit, 0.0, gains[joint]) for joint, limit in sorted(found.items())])
+    fit, limits = sharpened(
+        fit, [TorqueLimit(joint, limit, 0.0, gains[joint]) for joint, limit in sorted(found.items())]
+    )
+    for _ in range(AGAIN):  # far from a limit its steps end where those of the other unknowns do not lead on
+        anew = _refitted(fit, {item.joint: item.limit for item in limits}, fit.values)
+        if anew is None:
+            break
+        other, nearer = sharpened(anew, limits)
+        if _loss(other) > _loss(fit) - NEARER:
+            break
+        fit, limits = other, nearer
+    return fit, limits
 
 
 def with_limits(robot: Robot, limits: Mapping[int, float | None]) -> Robot:

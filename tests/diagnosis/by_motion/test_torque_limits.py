@@ -121,3 +121,16 @@ def computed(recording: Recording) -> np.ndarray:
     assert recording.dq is not None
     asked: np.ndarray = told["kp"] * (told["q_des"] - recording.q) - told["kd"] * recording.dq
     return asked
+
+
+def test_limits_of_all_drives_that_the_motion_reaches_often_are_found_to_the_end(tmp_path: Path) -> None:
+    """Far from the limits one descent ends beside them: they are fitted again beside drives that are found anew."""
+    arm, limits = robot(tmp_path), np.array([3.3, 1.6, 0.8])
+    log = written(tmp_path, "cut.h5", moved(3, 10.0, 0.002, limit=limits))
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm), None, ("saturation",))
+    assert [(e.effect, e.joint) for e in found.effects] == [("saturation", name) for name in NAMES]
+    for effect, limit in zip(found.effects, limits, strict=True):
+        assert abs(effect.parameters["limit"] - limit) < 4 * effect.std_error["limit"]
+        assert effect.parameters["limit"] == pytest.approx(limit, rel=1e-3)
+    assert not found.unexplained
+    assert found.fit_after.values[:, :3] == pytest.approx(np.stack([ARMATURE, COULOMB, VISCOUS], axis=1), rel=0.03)
