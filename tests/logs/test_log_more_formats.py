@@ -18,6 +18,8 @@ from elid_cli.logs.formats import db3
 from elid_cli.logs.inspect import inspect_log
 from elid_cli.logs.mcap.container import Container, Messages
 from elid_cli.logs.mcap.write import joint_state_schema
+from elid_cli.logs.source import Source
+from elid_cli.logs.writing import recognise
 from tests.logs.made_logs import JOINTS, ROBOT, read, recording, same, written
 from tests.logs.mcap_made import encoder, joint_state
 
@@ -75,6 +77,28 @@ def test_a_damaged_database_is_one_error(tmp_path: Path) -> None:
     path = database(tmp_path / "run.db3")
     path.write_bytes(path.read_bytes()[:3000])
     with pytest.raises(LogError):
+        read(path)
+
+
+@pytest.mark.parametrize("sized", [True, False])
+def test_a_sqlite_bag_in_zstd_is_read_alone_and_through_a_pipe(tmp_path: Path, sized: bool) -> None:
+    whole = database(tmp_path / "run.db3").read_bytes()
+    packer = zstandard.ZstdCompressor().compressobj(size=len(whole) if sized else -1)
+    data = packer.compress(whole) + packer.flush()
+    path = tmp_path / "run.db3.zstd"
+    path.write_bytes(data)
+    same(read(path), BASE)
+    assert inspect_log(path).missing == ()
+    piped = Source("-", data=data)
+    (log,) = recognise(piped).open(piped)
+    assert {channel.source for channel in log.channels} == {"/joint_states", "/motor_states"}
+
+
+def test_zstd_of_unknown_size_keeps_within_the_budget(tmp_path: Path) -> None:
+    packer = zstandard.ZstdCompressor().compressobj()
+    path = tmp_path / "run.db3.zstd"
+    path.write_bytes(packer.compress(db3.SQLITE + bytes(300 << 20)) + packer.flush())
+    with pytest.raises(LogError, match="more than 256 MiB in a file"):
         read(path)
 
 

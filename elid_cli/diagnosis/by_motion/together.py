@@ -108,7 +108,7 @@ class Together:
         )
 
     def explains(self, before: Array, signals: Signals, least: float, part: float = EXPLAINED) -> bool:
-        """Whether they take a part of what a fit without leaves beyond the encoders' noise, by the mean over the joints.
+        """Whether they take a part of what a fit without leaves beyond the encoders' noise, by the mean of the joints.
 
         `before` is its error over the noise, (n,); joints from `least` on count.
         """
