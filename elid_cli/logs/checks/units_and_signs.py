@@ -14,24 +14,15 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.coupled_motors import coupled_motors
-from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
+from elid_cli.logs.checks.encoder_pairs import Pair, as_yaml, plain, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.late_velocities import late_velocities
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.checks.required import Checked
+from elid_cli.logs.checks.spring_torques import Sprung, spring_suspicions
 from elid_cli.logs.checks.stops import at_stops
-from elid_cli.logs.checks.torque_scale import (
-    FOLLOWS,
-    WRONG_SCALE,
-    Slope,
-    correlation_of,
-    is_spring,
-    off,
-    scale_of,
-    spring_slope,
-)
 from elid_cli.logs.mapping.language import UNIT_WORDS
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.suggest import TOLD, words_of
@@ -54,10 +45,6 @@ NO_TORQUE = {"A": "A", "mA": "A", "V": "V"} | dict.fromkeys(
 """Units of what stands for a torque -> what its values then are in."""
 SAMPLES = 50_000
 """Samples that are looked at (evenly taken)."""
-EXACTLY = 1e-3
-"""Share of tau that is not proportional to the deflection below which tau is no motor torque."""
-SOFTEST = 0.5
-"""Slope of theta over q below which, and over whose inverse, no spring is looked for."""
 FAR = 40.0
 """rad or m: robots' joints rarely turn more than six times, and slides are shorter."""
 STALE = 0.5
@@ -82,40 +69,27 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
     found.extend(_far(sides, robot))
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
-    found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
+    q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
+    pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
+    compared = [pair for pair in pairs if pair is not None]
+    if not any(pair.opposite for pair in compared):  # else the torques would be blamed for the positions
+        found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
         found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
         found.extend(at_stops(shown, sides, robot))
-    q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
-    pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
-    tau: Array | None = None
-    compared = [pair for pair in pairs if pair is not None]
     swapped = swap(q, theta, compared, robot)
     if swapped:
         return [*found, swapped]
     found.extend(coupled_motors(q, theta, compared, robot))
-    if len(compared) > 1:
-        tau = _thinned(checked.tau, step)
-        found.extend(_swapped_torques(theta - q, tau, compared, robot))
-    scales: dict[int, float] = {}
-    for pair in compared:
-        tau = _thinned(checked.tau, step) if tau is None else tau
-        stiffness = robot.joints[pair.j].parameters.get("K", 0.0)
-        load = float(np.nanmean(tau[:, pair.j])) if np.isfinite(tau[:, pair.j]).any() else 0.0
-        deflection = theta[:, pair.j] - q[:, pair.j]
+    if compared:
+        sensed = checked.optional.get("tau_link")
         inner = slice(-(-start // step), -(-stop // step))  # differences across a gap are no motion
-        own = Slope()
-        if robot.joints[pair.j].elastic and SOFTEST < pair.slope < 1 / SOFTEST:
-            own = spring_slope(theta[inner, pair.j], deflection[inner], tau[inner, pair.j], aligned.dt * step)
-        bent = load / stiffness if stiffness > 0 else 0.0
-        found.extend(pair.sentences(plan, bent, sprung=is_spring(deflection, tau[:, pair.j], own, stiffness)))
-        if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
-            found.extend(_directions(pair, deflection, tau[:, pair.j], plan))
-            scales[pair.j] = scale_of(deflection, tau[:, pair.j], own, robot.joints[pair.j].parameters.get("K"))
-    right = any(abs(math.log(scale)) <= math.log(WRONG_SCALE) for scale in scales.values() if scale > 0)
-    for pair in compared:
-        found.extend(_scale(pair, scales.get(pair.j, math.nan), robot, plan, alone=right))
+        sprung = Sprung(
+            q, theta, _thinned(checked.tau, step), None if sensed is None else _thinned(sensed, step),
+            inner, aligned.dt * step, computed,
+        )  # fmt: skip
+        found.extend(spring_suspicions(sprung, compared, robot, plan))
     return found
 
 
@@ -217,66 +191,6 @@ def _thinned(values: Array, step: int) -> Array:
     thinned = values[::step].copy()
     let_go(values)
     return thinned
-
-
-def _directions(pair: Pair, deflection: Array, tau: Array, plan: ReadPlan) -> Iterator[str]:
-    """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction."""
-    correlation = correlation_of(deflection, tau)
-    if correlation < -FOLLOWS:
-        yield (
-            f"{pair.name}: tau has the opposite sign of the deflection theta - q: its sign is wrong, or q and "
-            f"theta are swapped; {proposed(plan, 'tau', 'sign: -1')}"
-        )
-    elif correlation**2 > 1 - EXACTLY**2:
-        yield (
-            f"{pair.name}: tau follows the deflection without any friction or inertia: it looks like the torque "
-            "in the transmission (tau_link), not the motor's"
-        )
-
-
-def _scale(pair: Pair, ratio: float, robot: Robot, plan: ReadPlan, *, alone: bool) -> Iterator[str]:
-    """Name a torque that is in another unit; with `alone` other joints' are not, and its mapping scales it alone."""
-    if not off(ratio):
-        return
-    stiffness = robot.joints[pair.j].parameters["K"]
-    why = f"it is {ratio:.3g} times K (theta - q) with K = {stiffness:g} of the robot file"
-    shaft = abs(math.log(pair.gear)) > math.log(WRONG_SCALE) if pair.gear > 0 else False
-    if shaft and abs(ratio * pair.gear - 1) < 0.3:
-        what, key, factor = "the motor's shaft torque", "side: motor", pair.gear
-    elif abs(ratio / 1000 - 1) < 0.3:
-        what, key, factor = "mN·m", "unit: mN.m", 1e-3
-    else:
-        what, factor = "a current or another unit (or the positions are in one)", 1 / ratio
-        key = f"unit: A, scale: {{{pair.name}: {factor:.4g}}}"
-    if alone:
-        key = _rescaled(plan, pair, factor, robot)
-    yield f"{pair.name}: tau looks like {what}, {why}; {proposed(plan, 'tau', key)}"
-
-
-def _rescaled(plan: ReadPlan, pair: Pair, factor: float, robot: Robot) -> str:
-    """Return the keys that scale one joint's torque by a factor and leave the others as they are mapped."""
-    spec = plan.placements["tau"].spec
-    given = np.broadcast_to(spec.scale, robot.n) * np.where(np.arange(robot.n) == pair.j, factor, 1.0)
-    scale = ", ".join(f"{n}: {v:.4g}" for n, v in zip(robot.joint_names, given, strict=True) if v != 1.0)
-    kept = [f"unit: {spec.unit}"] if isinstance(spec.unit, str) and spec.unit else []
-    return ", ".join([*kept, *(["side: motor"] if spec.motor_side else []), f"scale: {{{scale}}}"])
-
-
-def _swapped_torques(deflection: Array, tau: Array, pairs: list[Pair], robot: Robot) -> Iterator[str]:
-    """Name pairs of elastic joints whose torques fit each other's deflection far better than their own."""
-    joints = [p.j for p in pairs if robot.joints[p.j].elastic and np.isfinite(tau[:, p.j]).all() and tau[:, p.j].std()]
-    joints = [j for j in joints if deflection[:, j].std() > 0]
-    if len(joints) < 2:
-        return
-    table = np.abs(np.corrcoef(deflection[:, joints].T, tau[:, joints].T)[: len(joints), len(joints) :])
-    for a in range(len(joints)):
-        for b in range(a + 1, len(joints)):
-            if max(table[a, a], table[b, b]) < UNLIKE and min(table[a, b], table[b, a]) > FOLLOWS:
-                one, two = robot.joint_names[joints[a]], robot.joint_names[joints[b]]
-                yield (
-                    f"tau of {one} and {two} look swapped: each follows the other's deflection; "
-                    f"if so, map it with joints: {{{one}: {two}, {two}: {one}}}"
-                )
 
 
 def _wraps(q: Array, theta: Array, robot: Robot, plan: ReadPlan) -> Iterator[str]:
