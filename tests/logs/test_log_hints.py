@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -232,3 +233,57 @@ def test_numbered_values_of_joint_states_are_said_to_be_taken_in_the_robots_orde
     columns = {"__time": BASE.t, **each("/joint_states/position[{}]", Q, 0), **each("/joint_states/effort[{}]", TAU, 0)}
     notes = read(text(tmp_path, columns), robot=RIGID).notes
     assert any(note.startswith("q: values of /joint_states/position[{i0}] have no names") for note in notes)
+
+
+def test_no_joint_is_proposed_the_column_of_another(tmp_path: Path) -> None:
+    """The nearest name is that of a joint which has its own."""
+    columns = {"t": BASE.t, **each("q.{j}", Q), **each("tau.{j}", TAU), **each("theta.{j}", BASE.theta)}
+    del columns["theta.elbow"]
+    with pytest.raises(LogError, match="no motor position for elbow") as caught:
+        read(text(tmp_path, columns))
+    assert "shoulder wrist" in caught.value.detail
+    assert "nearest" not in caught.value.detail
+    assert "joints:" not in caught.value.hint
+    columns["theta.elbo"] = BASE.theta[:, 1]
+    with pytest.raises(LogError, match="no motor position for elbow") as caught:
+        read(text(tmp_path, columns))
+    assert "joints: {elbow: elbo}" in caught.value.hint
+
+
+def test_columns_of_a_name_that_two_joints_have_are_proposed_by_number(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["joint_names"] = ["shoulder", "wrist", "wrist"]
+        for name in ("t", "q", "theta", "tau"):
+            file[name] = getattr(BASE, name)
+    with pytest.raises(LogError, match="for elbow") as caught:
+        read(path)
+    assert "names wrist more than once" in caught.value.detail
+    pasted = shlex.split(caught.value.hint.partition("--map")[2].replace("--map", ""))
+    log = read(path, mapping=read_map_options(pasted))
+    for name in ("q", "theta", "tau"):
+        assert np.array_equal(getattr(log, name), getattr(BASE, name))
+
+
+def test_no_signal_is_proposed_that_was_found(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("t", "theta", "tau"):
+            file[name] = getattr(BASE, name)
+        file["q"] = BASE.q[:, 0]
+    with pytest.raises(LogError, match="no link position") as caught:
+        read(path)
+    assert "theta" not in caught.value.hint
+
+
+def test_names_of_another_number_than_the_columns_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["joint_names"] = ["elbow", "wrist"]
+        for name in ("t", "q", "theta", "tau"):
+            file[name] = getattr(BASE, name)
+    log = read(path)
+    assert np.array_equal(log.q, BASE.q)
+    assert "joint_names holds 2 names (elbow, wrist) and /q 3 columns: not used" in log.repairs
+    with pytest.raises(LogError, match="joint_names holds 2 names"):
+        read(path, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -63,10 +63,13 @@ class MissingSignal:
             return f"{need}; {reason + '; ' if reason else ''}{self._contents()}{lost}"
         labels = self._labels(placement)
         called = self._called(placement, joint)
-        close = nearest(called, labels) if joint else None
+        close = self._close(placement, joint, labels) if joint else None
         seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
         seen += f" (nearest: {close})" if close else ""
-        if called in labels or (labels and not joint):
+        twice = self._twice(placement)
+        if twice:
+            seen = f"which names {' '.join(twice)} more than once"
+        elif called in labels or (labels and not joint):
             seen = "which is empty, NaN or zero" + (" for it" if joint else " throughout")
         if called in labels and signal != "tau":
             seen = "which is empty, NaN or never changes for it"
@@ -80,6 +83,17 @@ class MissingSignal:
         """Return the name that a joint has in the log, by the mapping that places a signal."""
         named = placement.spec.joints if placement is not None else None
         return str(named.get(joint, joint)) if named else joint
+
+    def _close(self, placement: Placement | None, joint: str, labels: Sequence[str]) -> str | None:
+        """Return the name nearest to a joint's that no other joint of the robot has; None where none is near."""
+        others = {self._called(placement, name) for name in self.robot.joint_names if name != joint}
+        return nearest(self._called(placement, joint), [label for label in labels if label not in others])
+
+    def _twice(self, placement: Placement) -> list[str]:
+        """Return the joint names that a channel gives more than one column."""
+        sources = {pick.source for pick in placement.picks}
+        held = [channel.labels for channel in self.raw.channels if channel.source in sources]
+        return sorted({name for labels in held for name in labels if labels.count(name) > 1})
 
     def _labels(self, placement: Placement) -> list[str]:
         """Return the joint names that the log has where a signal is read from."""
@@ -103,7 +117,9 @@ class MissingSignal:
         placement = self.plan.placements.get(signal)
         labels = self._labels(placement) if placement is not None else []
         called = self._called(placement, joint)
-        close = nearest(called, labels) if joint and called not in labels else None
+        close = self._close(placement, joint, labels) if joint and called not in labels else None
+        if placement is not None and self._twice(placement):
+            return f"{before}{' '.join(f'--map {shlex.quote(line)}' for line in self._by_number())}"
         if placement is not None and close:
             spec = placement.spec
             # a pattern fills in what is not named here; of a topic, only the joints that are named are read
@@ -127,7 +143,9 @@ class MissingSignal:
         wanted = tuple(s for s in wanted if s != "t" or getattr(self.raw, "timeless", False))
         works = partial(fits, self.raw.channels, self.robot)
         lines, link = proposal(self.raw, self.robot, free, wanted, works)
-        fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines.splitlines())
+        placed = set(self.plan.placements) - {signal}
+        fresh = [line for line in lines.splitlines() if line.partition(":")[0] not in placed]
+        fitting = " ".join(f"--map {shlex.quote(line)}" for line in fresh)
         if link:
             return f"if it holds the joints that carry {link} alone, in their order: {fitting} --tip {link}"
         held = [label for channel in free for label in channel.labels]
@@ -137,6 +155,14 @@ class MissingSignal:
             return f"elid info {self.name} lists what it holds"
         example = signal if not (signal == "theta" and "q" in needed(self.plan, self.robot)) else "q"
         return before + (fitting or f"--map {example}=PLACE")
+
+    def _by_number(self) -> Iterator[str]:
+        """Yield a line of a mapping for every signal whose channel names a joint twice: its columns by number."""
+        pairs = ", ".join(f"{name}: {k}" for k, name in enumerate(self.robot.joint_names))
+        for signal, placement in self.plan.placements.items():
+            if self._twice(placement) and isinstance(placement.spec.source, str):
+                field = f", field: {placement.spec.field}" if placement.spec.field else ""
+                yield f"{signal}: {{from: {placement.spec.source}{field}, joints: {{{pairs}}}}}"
 
 
 def _about(field: str) -> bool:

@@ -156,6 +156,7 @@ def _fitting(
 def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[str, str]) -> Iterator[_Place]:
     """Yield channels with one place per family of columns: ``theta1_rad theta2_rad`` become ``theta{i}_rad``."""
     done: set[tuple[str, str]] = set()
+    names: Sequence[str | None] = ()
     for channel in channels:
         if (channel.source, channel.field) in done or not channel.width:
             continue
@@ -170,9 +171,7 @@ def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[s
                 )
             yield _Place(Channel(family[0], channel.field, 1, kind=channel.kind), source, named, unit)
         elif channel.labels and joints and not set(joints) <= set(channel.labels):
-            names = [nearest(joint, channel.labels) for joint in joints]
-            if None in names or len(set(names)) < len(names):
-                names = list(channel.labels[: len(joints)])
+            names = _called(joints, channel.labels, names)
             yield _Place(channel, _quoted(channel.source), _pairs(joints, names), unit)
         elif (
             len(joints) > 1 and not channel.labels and channel.width % len(joints) == 0 and channel.width > len(joints)
@@ -184,6 +183,23 @@ def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[s
                 yield _Place(channel, _quoted(channel.source), pairs, unit, signal)
         else:
             yield _Place(channel, _quoted(channel.source), "", unit)
+
+
+def _called(joints: Sequence[str], labels: Sequence[str], before: Sequence[str | None]) -> list[str | None]:
+    """Return what a channel calls each joint, None where it has none left for it; no two joints share a name.
+
+    `before` is what another channel calls them, empty for the first: a joint is the same one in all of them.
+    """
+    labels = list(dict.fromkeys(labels))
+    wanted = [name or joint for name, joint in zip(before or joints, joints, strict=True)]
+    own = [name if name in labels else None for name in wanted]
+    if before and any(own):
+        return own
+    left = [name for name in labels if name not in own]
+    close = [name or nearest(like, left) for name, like in zip(own, wanted, strict=True)]
+    if None not in close and len(set(close)) == len(close):
+        return close
+    return [name or (left.pop(0) if left else None) for name in own]
 
 
 def _family(channel: Channel, channels: Sequence[Channel], joints: Sequence[str]) -> tuple[list[str], str, str]:
@@ -237,7 +253,8 @@ def _peers(source: str, names: Sequence[str], joints: Sequence[str]) -> tuple[li
 
 
 def _pairs(joints: Sequence[str], names: Sequence[object]) -> str:
-    return ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False))
+    """Return the `joints` of a mapping; those without a name are left out."""
+    return ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False) if name is not None)
 
 
 def words_of(text: str) -> list[str]:
