@@ -18,7 +18,7 @@ from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.resolve import fits, resolve
-from elid_cli.logs.mapping.suggest import needed, proposal
+from elid_cli.logs.mapping.suggest import needed, proposal, untold
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.repair.timeline import build
@@ -112,13 +112,16 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     notes: list[str] = [*raw.notes, *plan.notes]
     infos = _measured(raw, plan, notes)
     reasons = dict(plan.reasons)
+    if lacked := untold(plan):
+        reasons["tau"] = lacked
     # the joints of a robot that is only guessed from the log decide nothing
     works = partial(fits, raw.channels, chosen) if robot is not None else lambda line: True
     if not any(info.rate for info in infos):  # named or not, nothing serves as time
         missing, wanted = ("t", *missing), tuple(dict.fromkeys(("t", *wanted)))
         reasons["t"] = "nothing holds times that advance"
     proposed, link = proposal(raw, chosen, raw.channels, wanted, works)
-    proposed = "" if link else proposed  # its lines are of fewer joints than the robot has
+    # the lines of a chain are of fewer joints than the robot has
+    fresh = [line for line in proposed.splitlines() if line.partition(":")[0] not in plan.placements and not link]
     if link:
         notes.append(
             f"its columns cannot be those of {chosen.n} joints, but of the joints that carry {link}: "
@@ -133,7 +136,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         channels=infos,
         taken=taken,
         missing=missing,
-        mapping=proposed,
+        mapping="\n".join(fresh),
         losses=(*raw.losses, *plan.unfit),
         notes=tuple(dict.fromkeys(notes)),
         reasons={signal: reason for signal, reason in reasons.items() if signal in missing},

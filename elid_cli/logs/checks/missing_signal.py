@@ -10,11 +10,11 @@ from functools import partial
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, first_of, nearest
-from elid_cli.logs.contract import RawLog
+from elid_cli.logs.contract import Channel, RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import fits
-from elid_cli.logs.mapping.suggest import needed, proposal
+from elid_cli.logs.mapping.suggest import needed, proposal, untold
 from elid_cli.robot.robot import Robot
 
 MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
@@ -50,6 +50,16 @@ class MissingSignal:
                 f"{self.name}: no torque, and no gains {' '.join(lacking)} to compute it from q_des",
                 detail="tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff, gains in N·m/rad and N·m·s/rad at the joint",
                 hint=f"give the drive's own, such as {options}, or control: {{kp: 20, kd: 0.5}} {place}",
+            )
+        lacked = untold(self.plan)
+        if lacked:
+            lines, _ = self._proposal(self._free(None), ("tau",), "tau")
+            place = " ".join(f"--map {shlex.quote(line)}" for line in lines)
+            place = place or "--map q_des=PLACE, or --map tau=PLACE"
+            raise LogError(
+                f"{self.name}: no torque, and no q_des to compute it from",
+                detail=f"{lacked}; {self._contents()}",
+                hint=f"elid info {self.name}, or map it: {place}",
             )
         self.refuse("tau", self.robot.joint_names[0] if self.robot.n == 1 else "", "no torque")
 
@@ -130,8 +140,7 @@ class MissingSignal:
             source = spec.source if isinstance(spec.source, str) else placement.places
             line = f'{signal}: {{from: "{source}"{field}, joints: {{{pairs}}}}}'
             return f"{before}--map {shlex.quote(line)}"
-        taken = {pick.source for pick in placement.picks} if placement is not None else set()
-        free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
+        free = self._free(placement)
         undefined = any("does not hold its definition" in c.kind for c in self.raw.channels)
         if undefined and not free and placement is None and not self.name.endswith(".mcap"):
             return (
@@ -141,11 +150,8 @@ class MissingSignal:
         units = getattr(self.raw, "units", {})
         wanted = (signal,) if placement is not None else needed(self.plan, self.robot, units)
         wanted = tuple(s for s in wanted if s != "t" or getattr(self.raw, "timeless", False))
-        works = partial(fits, self.raw.channels, self.robot)
-        lines, link = proposal(self.raw, self.robot, free, wanted, works)
-        placed = set(self.plan.placements) - {signal}
-        fresh = [line for line in lines.splitlines() if line.partition(":")[0] not in placed]
-        fitting = " ".join(f"--map {shlex.quote(line)}" for line in fresh)
+        lines, link = self._proposal(free, wanted, signal)
+        fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines)
         if link:
             return f"if it holds the joints that carry {link} alone, in their order: {fitting} --tip {link}"
         held = [label for channel in free for label in channel.labels]
@@ -155,6 +161,17 @@ class MissingSignal:
             return f"elid info {self.name} lists what it holds"
         example = signal if not (signal == "theta" and "q" in needed(self.plan, self.robot)) else "q"
         return before + (fitting or f"--map {example}=PLACE")
+
+    def _free(self, placement: Placement | None) -> list[Channel]:
+        """Return the channels that may hold what is missing: not those that a placement has."""
+        taken = {pick.source for pick in placement.picks} if placement is not None else set()
+        return [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
+
+    def _proposal(self, free: Sequence[Channel], wanted: Sequence[str], signal: str) -> tuple[list[str], str]:
+        """Return lines of a mapping for signals that have no place yet, and the link of a table's chain."""
+        lines, link = proposal(self.raw, self.robot, free, wanted, partial(fits, self.raw.channels, self.robot))
+        placed = set(self.plan.placements) - {signal}
+        return [line for line in lines.splitlines() if line.partition(":")[0] not in placed], link
 
     def _by_number(self) -> Iterator[str]:
         """Yield a line of a mapping for every signal whose channel names a joint twice: its columns by number."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel, RawLog
-from elid_cli.logs.mapping.language import UNIT_WORDS
+from elid_cli.logs.mapping.language import COMMANDS, GAINS, UNIT_WORDS
 from elid_cli.logs.mapping.nameless import BLOCKS, NamelessTable, proposed
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.robot import Robot
@@ -90,6 +90,16 @@ def needed(plan: ReadPlan, robot: Robot, units: Mapping[str, str] | None = None)
     return (*lacking, *(() if placed & {"tau", "tau_link", "q_des"} else ("tau",)))
 
 
+def untold(plan: ReadPlan) -> str:
+    """Return what a log without torque has of commands where it lacks their positions, in words; else nothing."""
+    placed = plan.placements
+    told = [signal for signal in (*COMMANDS, *GAINS) if signal in placed]
+    if "q_des" in placed or {"tau", "tau_link"} & set(placed) or not told:
+        return ""
+    reason = plan.reasons.get("q_des", "")
+    return f"of commands it has {' '.join(dict.fromkeys(told))} and no q_des{f' ({reason})' if reason else ''}"
+
+
 def proposal(
     raw: RawLog, robot: Robot, channels: Sequence[Channel], signals: Sequence[str], works: Callable[[str], bool]
 ) -> tuple[str, str]:
@@ -135,7 +145,8 @@ def suggestion(
     order = {signal: k for k, signal in enumerate(signals)}
     lines.sort(key=lambda line: order[line.partition(":")[0]])
     if "tau" in set(signals) - found and (lines or "q" not in signals):  # of commands a torque can be computed
-        lines += _fitting(places, tuple(COMMANDED), works, taken)
+        told = list(_fitting(places, tuple(COMMANDED), works, taken))
+        lines += told if any(line.startswith("q_des:") for line in told) else []  # a rate alone makes no torque
     return "\n".join(lines)
 
 
