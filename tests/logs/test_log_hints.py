@@ -21,6 +21,7 @@ from elid_cli.report.answers.summary import trust_words
 from elid_cli.robot.robot import Limits
 from elid_cli.robot.text import text_of
 from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, written
+from tests.logs.mcap_made import Bag, joint_state
 
 BASE = recording(1200, 500.0)
 RIGID = replace(ROBOT, joints=tuple(replace(joint, transmission="rigid") for joint in ROBOT.joints))
@@ -242,7 +243,6 @@ def test_no_joint_is_proposed_the_column_of_another(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no motor position for elbow") as caught:
         read(text(tmp_path, columns))
     assert "shoulder wrist" in caught.value.detail
-    assert "nearest" not in caught.value.detail
     assert "joints:" not in caught.value.hint
     columns["theta.elbo"] = BASE.theta[:, 1]
     with pytest.raises(LogError, match="no motor position for elbow") as caught:
@@ -287,3 +287,39 @@ def test_names_of_another_number_than_the_columns_are_told(tmp_path: Path) -> No
     assert "joint_names holds 2 names (elbow, wrist) and /q 3 columns: not used" in log.repairs
     with pytest.raises(LogError, match="joint_names holds 2 names"):
         read(path, strict=True)
+
+
+def without_elbow(folder: Path, form: str) -> Path:
+    """Write a log that holds no torque of the elbow."""
+    if form == "columns":
+        columns = {"t": BASE.t, **each("q.{j}", Q), **each("tau.{j}", TAU), **each("theta.{j}", BASE.theta)}
+        return text(folder, {name: values for name, values in columns.items() if name != "tau.elbow"})
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states", "/motor_torques"):
+        bag.topic(topic)
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        stamp = 10**18 + t
+        bag.add("/joint_states", stamp, joint_state(stamp, list(JOINTS), Q[row]))
+        bag.add("/motor_states", stamp, joint_state(stamp, list(JOINTS), BASE.theta[row]))
+        torques = joint_state(stamp, ["wrist", "shoulder"], [0, 0], effort=TAU[row, [2, 0]])
+        bag.add("/motor_torques", stamp, torques)
+    path = folder / "log.mcap"
+    path.write_bytes(bag.bytes())
+    return path
+
+
+@pytest.mark.parametrize("form", ["columns", "messages"])
+def test_a_joint_without_torque_is_refused_until_it_is_told_so(tmp_path: Path, form: str) -> None:
+    path, mapping = without_elbow(tmp_path, form), {}
+    if form == "messages":
+        mapping = {"tau": {"from": "/motor_torques", "field": "effort", "sign": -1}}
+    with pytest.raises(LogError, match="no torque for elbow") as caught:
+        read(path, mapping=mapping)
+    assert caught.value.exit_code == 3
+    assert "names" in caught.value.detail
+    (line,) = shlex.split(caught.value.hint.partition("to do without: --map ")[2])
+    log = read(path, mapping=mapping | read_map_options([line]))
+    assert np.isnan(log.tau).all(axis=0).tolist() == [False, True, False]
+    np.testing.assert_allclose(log.tau[:, 0], TAU[:, 0] * (-1 if form == "messages" else 1), atol=1e-9)
+    place = "/motor_torques.effort" if form == "messages" else "tau.shoulder, tau.wrist"
+    assert any(warning.startswith(f"elbow: no torque tau in {place}: inertia") for warning in log.warnings)

@@ -16,6 +16,7 @@ from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import fits
 from elid_cli.logs.mapping.suggest import needed, proposal, untold
 from elid_cli.robot.robot import Robot
+from elid_cli.robot.yaml import inline, quoted
 
 MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
 LISTED = 8
@@ -73,7 +74,7 @@ class MissingSignal:
             return f"{need}; {reason + '; ' if reason else ''}{self._contents()}{lost}"
         labels = self._labels(placement)
         called = self._called(placement, joint)
-        close = self._close(placement, joint, labels) if joint else None
+        close = nearest(called, labels) if joint else None
         seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
         seen += f" (nearest: {close})" if close else ""
         twice = self._twice(placement)
@@ -93,6 +94,40 @@ class MissingSignal:
         """Return the name that a joint has in the log, by the mapping that places a signal."""
         named = placement.spec.joints if placement is not None else None
         return str(named.get(joint, joint)) if named else joint
+
+    def unheld(self, signal: str, joint: str) -> bool:
+        """Whether the log has a signal for other joints and no place of it for this one, without being told so."""
+        placement = self.plan.placements.get(signal)
+        if placement is None or placement.spec.value is not None or not placement.picks:
+            return False
+        spec, labels = placement.spec, self._labels(placement)
+        told = isinstance(spec.source, tuple) or (
+            spec.joints is not None and joint not in spec.joints and "{" not in placement.places
+        )
+        held = any(self.robot.joint_names.index(joint) in joints for joints in placement.joints)
+        named = not labels or self._called(placement, joint) in labels
+        return not told and not (held and named)
+
+    def refuse_unheld(self, signal: str, joint: str) -> None:
+        """Raise the LogError of a signal that the log has for other joints; its hint says how to do without it, too."""
+        placement = self.plan.placements[signal]
+        held = {j: pick.source for pick, own in zip(placement.picks, placement.joints, strict=True) for j in own}
+        names = self.robot.joint_names
+        if "{" in placement.places:
+            places = f"[{', '.join(quoted(held[j]) if j in held else 'null' for j in range(len(names)))}]"
+            line = f"from: {places}"
+        else:
+            labels = [name for name in names if self._called(placement, name) in self._labels(placement)]
+            named = ", ".join(f"{name}: {self._called(placement, name)}" for name in labels)
+            field = f", field: {placement.spec.field}" if placement.spec.field else ""
+            line = f"from: {placement.spec.source}{field}, joints: {{{named}}}"
+        kept = {key: value for key, value in (placement.spec.written or {}).items()}
+        line += "".join(f", {key}: {inline(v)}" for key, v in kept.items() if key not in ("from", "field", "joints"))
+        without = f"to do without: --map {shlex.quote(f'{signal}: {{{line}}}')}"
+        raise LogError(
+            f"{self.name}: no {MEANING[signal]} for {joint}",
+            detail=self._detail(signal, joint), hint=f"{self._hint(signal, joint)}; {without}",
+        )  # fmt: skip
 
     def _close(self, placement: Placement | None, joint: str, labels: Sequence[str]) -> str | None:
         """Return the name nearest to a joint's that no other joint of the robot has; None where none is near."""

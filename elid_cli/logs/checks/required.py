@@ -107,7 +107,8 @@ def _lacking(
     Raises
     ------
     LogError
-        If a link position is missing that the user has mapped; with `strict`, if anything is.
+        If a link position is missing that the user has mapped, or a torque that the log has of other joints; with
+        `strict`, if anything is.
     """
     warnings = []
     if unplaced.any():
@@ -120,7 +121,14 @@ def _lacking(
         lacking = [name for name, none in zip(robot.joint_names, untorqued, strict=True) if none]
         if strict:
             fault.refuse("tau", lacking[0], "no torque")
-        warnings.append(f"{' '.join(lacking)}: no torque tau: the motor side cannot be identified there")
+        for name in (name for name in lacking if fault.unheld("tau", name)):
+            fault.refuse_unheld("tau", name)
+        placement, whose = fault.plan.placements.get("tau"), "its motor" if len(lacking) == 1 else "their motors"
+        where = f" in {placement.places}" if placement is not None else ""
+        warnings.append(
+            f"{' '.join(lacking)}: no torque tau{where}: inertia and friction of {whose} cannot be identified, nor "
+            "what only motor torque shows"
+        )
     idle = [joint.name for joint in robot.joints if not joint.elastic and "K" in joint.parameters]
     if idle:
         warnings.append(f"{' '.join(idle)}: the robot file's K is not used: it declares the transmission rigid")

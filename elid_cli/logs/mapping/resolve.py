@@ -192,7 +192,7 @@ def _place_each(
         joints.append((j,))
     if not picks:
         return reason or "no column is named"
-    pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
+    pattern = spec.source if isinstance(spec.source, str) else ", ".join(place for place in spec.source if place)
     pattern += f".{spec.field}" if spec.field else ""
     unnamed = ("{i0}" in pattern and robot.n > 1 and spec.joints is None) or left
     return Placement(spec, tuple(picks), tuple(joints), pattern, unnamed=unnamed, left=left)
