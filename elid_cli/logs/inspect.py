@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli.errors import LogError
+from elid_cli.logs.checks.units_and_signs import unit_lines
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
@@ -68,7 +69,7 @@ class LogInfo(Shown):
     missing: tuple[str, ...]
     """Signals that elid would need and cannot place."""
     mapping: str
-    """YAML to paste for the missing ones, guessed from names; empty where nothing fits."""
+    """YAML to paste for the missing ones, guessed from names, and for units that the header names; empty: neither."""
     losses: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -127,6 +128,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
             f"its columns cannot be those of {chosen.n} joints, but of the joints that carry {link}: "
             f"--tip {link}, if it holds these alone"
         )
+    fresh += unit_lines(units, plan, chosen.joint_names)
     return LogInfo(
         file=source.name,
         format=fmt.name,

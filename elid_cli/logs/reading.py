@@ -185,7 +185,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
         _add(signals, signal, placement)
     checked = check(signals, robot, plan, raw, name, segments=aligned.segments, dt=aligned.dt, strict=options.strict)
     notes += checked.notes
-    checked.warnings.extend(written_units(getattr(raw, "units", {}), plan))
+    checked.warnings.extend(written_units(getattr(raw, "units", {}), plan, robot.joint_names))
     checked.warnings.extend(suspicions(checked, aligned, robot, plan))
     let_go(*signals.values())
     return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)

@@ -227,7 +227,8 @@ def test_a_prediction_is_not_called_trusted_where_a_unit_is_doubted(tmp_path: Pa
     assert "which is no torque" in told[1]
     path = text(tmp_path, {"t": BASE.t, "q1[rad]": Q[:, 0], "q2[deg]": Q[:, 1], "q3": Q[:, 2], **each("tau{}", TAU)})
     told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}"}}).warnings
-    assert "q is in 'deg' by its header and taken without conversion" in told
+    line = 'q: {from: "q{i}", unit: {elbow: deg}}'
+    assert f"q is in 'deg' by its header and taken without conversion; if so, map it: {line}" in told
 
 
 def test_numbered_values_of_joint_states_are_said_to_be_taken_in_the_robots_order(tmp_path: Path) -> None:
@@ -323,3 +324,28 @@ def test_a_joint_without_torque_is_refused_until_it_is_told_so(tmp_path: Path, f
     np.testing.assert_allclose(log.tau[:, 0], TAU[:, 0] * (-1 if form == "messages" else 1), atol=1e-9)
     place = "/motor_torques.effort" if form == "messages" else "tau.shoulder, tau.wrist"
     assert any(warning.startswith(f"elbow: no torque tau in {place}: inertia") for warning in log.warnings)
+
+
+def test_units_of_headers_are_proposed_by_info_for_signals_that_it_finds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each joint in its own unit; what is in SI needs no word."""
+    columns = {"t": BASE.t, **each("q.{j}", Q), **each("dq.{j} [°/s]", Q), **each("tau.{j} [Nm]", TAU)}
+    columns["q.elbow [°]"], columns["q.wrist [mm]"] = np.degrees(columns.pop("q.elbow")), 1e3 * columns.pop("q.wrist")
+    path, robot, file = text(tmp_path, columns), tmp_path / "arm.yaml", tmp_path / "map.yaml"
+    robot.write_text(text_of(RIGID))
+    info = inspect_log(path, RIGID)
+    assert info.missing == ()
+    assert info.mapping.splitlines() == [
+        'q: {from: "q.{joint}", unit: {elbow: deg, wrist: mm}}', 'dq: {from: "dq.{joint}", unit: deg/s}',
+    ]  # fmt: skip
+    words = ["info", str(path), "--robot", str(robot), "--color", "never"]
+    assert main([*words, "--write-map", str(file)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "This log can be used, with the mapping below, which says its units" in said
+    assert f"--map {file}" in said
+    log = read(path, robot=RIGID, mapping=read_map_options([str(file)]))
+    np.testing.assert_allclose(log.q, Q, atol=1e-9)
+    assert not any("by its header" in warning for warning in log.warnings)
+    assert main([*words, "--map", str(file)]) == 0
+    assert "This log can be used: it has" in " ".join(capsys.readouterr().out.split())

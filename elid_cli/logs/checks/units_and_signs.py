@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.coupled_motors import coupled_motors
-from elid_cli.logs.checks.encoder_pairs import Pair, as_yaml, plain, proposed, swap
+from elid_cli.logs.checks.encoder_pairs import IF_SO, Pair, as_yaml, plain, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.late_velocities import late_velocities
@@ -23,7 +23,7 @@ from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.spring_torques import Sprung, spring_suspicions
 from elid_cli.logs.checks.stops import at_stops
-from elid_cli.logs.mapping.language import UNIT_WORDS
+from elid_cli.logs.mapping.language import POSITIONS, TORQUES, UNIT_WORDS, VELOCITIES
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.suggest import TOLD, words_of
 from elid_cli.logs.repair.align import Aligned
@@ -33,7 +33,7 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import joints_computed
 
 LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
-SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFORTS, "tau_link": EFFORTS}
+SI = dict.fromkeys(POSITIONS, LENGTHS) | dict.fromkeys(VELOCITIES, RATES) | dict.fromkeys(TORQUES, EFFORTS)
 """Units, as `plain` writes them, that need no mapping."""
 NOT_TORQUE = "which is no torque"
 """What is said of a torque that is in no unit of torque."""
@@ -170,18 +170,48 @@ def told_torques(plan: ReadPlan) -> Iterator[str]:
         )
 
 
-def written_units(units: Mapping[str, str], plan: ReadPlan) -> Iterator[str]:
+def written_units(units: Mapping[str, str], plan: ReadPlan, names: Sequence[str]) -> Iterator[str]:
     """Name signals whose columns are written to be in another unit than they are taken to be in."""
     for signal, placement in plan.placements.items():
         usual = SI.get(signal)
         found = [units[pick.source] for pick in placement.picks if pick.source in units]
         odd = next((unit for unit in found if usual and plain(unit) not in usual), None)
         if odd is not None and not placement.spec.unit:
-            known = UNIT_WORDS.get(plain(odd))
-            alike = known and len(set(found)) == 1
-            paste = f"; {proposed(plan, signal, f'unit: {as_yaml(known)}')}" if known and alike else ""
+            known, line = UNIT_WORDS.get(plain(odd)), _unit_key(units, plan, signal, names)
+            paste = f"; {proposed(plan, signal, line)}" if line else ""
             bare = f", {NOT_TORQUE}" if signal == "tau" and known in NO_TORQUE else ""
             yield f"{signal} is in {odd!r} by its header {AS_IT_IS}{bare}{paste}"
+
+
+def unit_lines(units: Mapping[str, str], plan: ReadPlan, names: Sequence[str]) -> list[str]:
+    """Return lines of a mapping with the units that the header writes, of signals that would be taken to be in others.
+
+    Parameters
+    ----------
+    units
+        By column, as the header has them.
+    plan
+        Where signals are read from.
+    names
+        The robot's joints.
+    """
+    keys = {signal: _unit_key(units, plan, signal, names) for signal in plan.placements}
+    return [proposed(plan, signal, key).removeprefix(IF_SO) for signal, key in keys.items() if key]
+
+
+def _unit_key(units: Mapping[str, str], plan: ReadPlan, signal: str, names: Sequence[str]) -> str:
+    """Return the key of a mapping that says the units of a signal's columns; empty: none is known, or it is SI."""
+    placement, usual = plan.placements[signal], SI.get(signal)
+    written = {
+        j: units.get(p.source, "") for p, own in zip(placement.picks, placement.joints, strict=True) for j in own
+    }
+    odd = {j: unit for j, unit in written.items() if usual and unit and plain(unit) not in usual}
+    if not odd or placement.spec.unit or any(plain(unit) not in UNIT_WORDS for unit in odd.values()):
+        return ""
+    known = {names[j]: as_yaml(UNIT_WORDS[plain(unit)]) for j, unit in sorted(odd.items())}
+    if len(odd) == len(written) and len(set(known.values())) == 1:
+        return f"unit: {next(iter(known.values()))}"
+    return f"unit: {{{', '.join(f'{name}: {unit}' for name, unit in known.items())}}}"
 
 
 def _thinned(values: Array, step: int) -> Array:
