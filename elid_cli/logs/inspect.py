@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli.errors import LogError
+from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.checks.units_and_signs import unit_lines
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.long_table import KEY as LONG
@@ -128,6 +129,9 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
             f"its columns cannot be those of {chosen.n} joints, but of the joints that carry {link}: "
             f"--tip {link}, if it holds these alone"
         )
+    if robot is not None:
+        fault = MissingSignal(robot, plan, raw, source.name)
+        notes.extend(sentence for signal in MEANING for sentence in fault.partial(signal))
     fresh += unit_lines(units, plan, chosen.joint_names)
     return LogInfo(
         file=source.name,

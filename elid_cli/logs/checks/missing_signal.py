@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, first_of, nearest
+from elid_cli.errors import LogError, first_of, in_words, nearest
 from elid_cli.logs.contract import Channel, RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
@@ -95,6 +95,20 @@ class MissingSignal:
         named = placement.spec.joints if placement is not None else None
         return str(named.get(joint, joint)) if named else joint
 
+    def elsewhere(self, signal: str, joints: Sequence[str]) -> str:
+        """Return words that name another channel like a signal's own, which has joints that this one lacks."""
+        placement = self.plan.placements.get(signal)
+        picks = placement.picks if placement is not None and placement.spec.joints is None else ()
+        names, fields = set(self.robot.joint_names), {pick.field for pick in picks if pick.field}
+        kinds = {c.kind for c in self.raw.channels if c.source in {pick.source for pick in picks}}
+        for channel in self.raw.channels:
+            if channel.field in fields and channel.kind in kinds and set(joints) <= set(channel.labels) & names:
+                line = f"{signal}: {{from: {channel.source}, field: {channel.field}}}"
+                whole = names <= set(channel.labels)
+                paste = f"; if so, map it: {line}" if whole else ""
+                return f"; {channel.address} names {' '.join(joints)} as well{paste}"
+        return ""
+
     def unheld(self, signal: str, joint: str) -> bool:
         """Whether the log has a signal for other joints and no place of it for this one, without being told so."""
         placement = self.plan.placements.get(signal)
@@ -107,6 +121,13 @@ class MissingSignal:
         held = any(self.robot.joint_names.index(joint) in joints for joints in placement.joints)
         named = not labels or self._called(placement, joint) in labels
         return not told and not (held and named)
+
+    def partial(self, signal: str) -> Iterator[str]:
+        """Yield a sentence where the log has a signal for some joints only."""
+        lacking = [name for name in self.robot.joint_names if self.unheld(signal, name)]
+        if lacking:
+            place = self.plan.placements[signal].places
+            yield f"{signal} of {in_words(lacking)} is not in {place}{self.elsewhere(signal, lacking)}"
 
     def refuse_unheld(self, signal: str, joint: str) -> None:
         """Raise the LogError of a signal that the log has for other joints; its hint says how to do without it, too."""

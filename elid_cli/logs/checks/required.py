@@ -116,7 +116,7 @@ def _lacking(
         if strict or "q" in fault.plan.unusable:
             fault.refuse("q", lacking[0], "no link position")
         counts = "its transmission counts" if len(lacking) == 1 else "their transmissions count"
-        warnings.append(f"{' '.join(lacking)}: no link position q: {counts} as rigid")
+        warnings.append(f"{' '.join(lacking)}: no link position q: {counts} as rigid{fault.elsewhere('q', lacking)}")
     if untorqued.any():
         lacking = [name for name, none in zip(robot.joint_names, untorqued, strict=True) if none]
         if strict:
