@@ -54,9 +54,13 @@ def test_turning_and_sliding_joints_have_no_common_average(
     assert "farther off" not in words
     words = said(["replay", str(log), "--robot", str(file), "--max-error", "0.001mrad"], 1, capsys)
     assert "exceeds --max-error 0.001 mrad or mm" in words
-    assert "'1parsec' is no distance; write 5mrad" in said(
-        ["replay", str(log), "--robot", str(file), "--max-error", "1parsec"], 2, capsys
-    )
+    for limit, told in (
+        ("1parsec", "'1parsec' is no distance; write 5mrad"), ("1", "1 would be 1 rad, or m; write 1mrad, 1deg or 1mm"),
+        ("1e999", "'1e999' is no distance"), ("-5mrad", "'-5mrad' is no distance"),
+    ):  # fmt: skip
+        assert told in said(["replay", str(log), "--robot", str(file), "--max-error", limit], 2, capsys)
+    words = said(["replay", str(log), "--robot", str(file), "--max-error", "0.0000001"], 1, capsys)
+    assert "exceeds --max-error 0.0001 mrad or mm" in words
 
 
 def test_a_replay_that_has_nothing_to_do_with_the_log_says_so(
@@ -125,3 +129,14 @@ def test_hints_name_the_robot_as_it_was_typed(tmp_path: Path, capsys: pytest.Cap
     write_robot(robot, file)
     told = said(["validate", str(log), "--robot", str(file)], 2, capsys)
     assert f"--robot '{file}' --write-robot both-identified.yaml" in told
+
+
+@pytest.mark.parametrize("cutoff", ["100", "1000"])
+def test_a_cut_off_that_filters_nothing_is_refused(
+    machine: tuple[Path, Path, Robot], capsys: pytest.CaptureFixture[str], cutoff: str
+) -> None:
+    log, file, _ = machine
+    words = ["identify", str(log), "--robot", str(file), "--cutoff", cutoff]
+    told = said(words, 2, capsys)
+    assert f"--cutoff {cutoff}: the log's 200 Hz hold nothing above 100 Hz" in told
+    assert "hint: less than 100, or leave it out" in told
