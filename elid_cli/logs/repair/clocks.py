@@ -32,8 +32,11 @@ def in_seconds(
     rate: float | None = None,
     name: str = "log",
     notes: list[str],
+    repairs: list[str] | None = None,
 ) -> list[Array]:
     """Return every stream's stamps in s from one common origin; streams sampled together share one array.
+
+    What was decided goes to `notes`, what was mended to `repairs` (None: to the notes).
 
     Raises
     ------
@@ -66,7 +69,9 @@ def in_seconds(
                 told = np.isfinite(stream.values[unique[key] != stream.clocks[clock]]).any(axis=1)
                 zeros = max(zeros, int(np.count_nonzero(told)))
     if zeros:
-        notes.append(f"{zeros} header stamp{'s are' if zeros > 1 else ' is'} zero: taken by the log time")
+        (notes if repairs is None else repairs).append(
+            f"{zeros} header stamp{'s are' if zeros > 1 else ' is'} zero: taken by the log time"
+        )
     seconds = _from_origin(unique, factor, notes, name, another_clock(streams, source))
     for key, without in lost.items():
         seconds[key][without] = np.nan
