@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from elid_cli.logs import read_map_options, read_recording
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import Recording, Segment
 from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, written
 
 BASE = recording(3000)
@@ -100,3 +102,25 @@ def test_a_turned_torque_is_mended_at_its_joints_alone(tmp_path: Path, joints: t
     assert [line.partition(":")[0] for line in said] == [JOINTS[j] for j in joints]
     for line in said:
         assert np.allclose(read(path, mapping=pasted(line, "tau")).tau * signs, read(path).tau)
+
+
+def test_a_proposal_keeps_lists_of_places(tmp_path: Path) -> None:
+    path = written(tmp_path, "log.csv", like(BASE, theta=BASE.theta + np.array([0, 0.5, 0])))
+    places = [f"theta.{joint}" for joint in JOINTS]
+    (said,) = about(read(path, mapping={"theta": {"from": places}}).warnings, "away from q")
+    assert np.abs(read(path, mapping=pasted(said, "theta")).theta - BASE.theta).max() < 2e-3
+
+
+def test_where_positions_run_opposite_the_torque_is_not_blamed(tmp_path: Path) -> None:
+    """The weight that it is compared with is that of another pose."""
+    robot = read_robot("planar2")
+    t = np.arange(4000) / 500
+    q = 0.7 + np.stack([0.8 * np.sin(1.3 * t), 1.2 * np.sin(2.1 * t + 1)], axis=1)
+    tau = Dynamics(robot).gravity(q) + 5 * np.cos(t)[:, None]
+    deflection = tau / [joint.parameters["K"] for joint in robot.joints]
+    arm = Recording(robot.joint_names, 1 / 500, t, q, q + deflection, tau, segments=(Segment(0, 4000),))
+    sound, turned = (read(written(tmp_path, name, log), robot=robot).warnings for name, log in
+                     (("a.csv", arm), ("b.csv", like(arm, q=q * [1, -1]))))  # fmt: skip
+    assert not about(sound, "described bodies")
+    assert about(turned, "moves opposite")
+    assert not about(turned, "described bodies")

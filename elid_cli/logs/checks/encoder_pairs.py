@@ -261,7 +261,7 @@ def proposed(plan: ReadPlan, signal: str, key: str) -> str:
     words = f"from: {source}, field: {field}" if dot else f'from: "{place}"'
     written = dict(placement.spec.written or {}) if placement is not None else {}
     if isinstance(written.get("from"), list):
-        words = f"from: {inline(written['from'])}"
+        words = ", ".join(f"{name}: {inline(written[name])}" for name in ("from", "field") if name in written)
     new = {"from", "field", *re.findall(r"(\w+):", re.sub(r"\{[^}]*\}", "", key))}
     kept = "".join(f", {name}: {inline(value)}" for name, value in written.items() if name not in new)
     return f"{IF_SO}{signal}: {{{words}{kept}, {key}}}"
