@@ -27,6 +27,7 @@ def load_robot(source: str, *, any_size: bool = False) -> Robot:
     of more joints than can be identified together is refused, unless it may be of `any_size`.
     """
     from elid_cli.logs import read_map_options, robot_as_logged
+    from elid_cli.logs.mapping.language import parse_mapping
     from elid_cli.model.effects.declared import check_effects
     from elid_cli.robot.files import read_robot
     from elid_cli.robot.locking import beside_chain
@@ -35,6 +36,7 @@ def load_robot(source: str, *, any_size: bool = False) -> Robot:
     context = click.get_current_context()
     given, meta = context.params, context.meta
     robot = check_effects(read_robot(source))
+    parse_mapping(robot.log, robot, f"{source}: log")
     tip = meta.get(TIP)
     held = dict.fromkeys(beside_chain(robot, tip) if tip else (), 0.0) | dict(meta.get(LOCK) or ())
     logs = [str(log) for log in (*(given.get("logs") or ()), given.get("after")) if log]

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from elid_cli.errors import LogError
+from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
+from elid_cli.logs.checks.units_and_signs import unit_lines
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.resolve import fits, resolve
-from elid_cli.logs.mapping.suggest import needed, proposal
+from elid_cli.logs.mapping.suggest import needed, proposal, untold
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.repair.timeline import build
@@ -68,7 +70,7 @@ class LogInfo(Shown):
     missing: tuple[str, ...]
     """Signals that elid would need and cannot place."""
     mapping: str
-    """YAML to paste for the missing ones, guessed from names; empty where nothing fits."""
+    """YAML to paste for the missing ones, guessed from names, and for units that the header names; empty: neither."""
     losses: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -112,18 +114,25 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     notes: list[str] = [*raw.notes, *plan.notes]
     infos = _measured(raw, plan, notes)
     reasons = dict(plan.reasons)
+    if lacked := untold(plan):
+        reasons["tau"] = lacked
     # the joints of a robot that is only guessed from the log decide nothing
     works = partial(fits, raw.channels, chosen) if robot is not None else lambda line: True
     if not any(info.rate for info in infos):  # named or not, nothing serves as time
         missing, wanted = ("t", *missing), tuple(dict.fromkeys(("t", *wanted)))
         reasons["t"] = "nothing holds times that advance"
     proposed, link = proposal(raw, chosen, raw.channels, wanted, works)
-    proposed = "" if link else proposed  # its lines are of fewer joints than the robot has
+    # the lines of a chain are of fewer joints than the robot has
+    fresh = [line for line in proposed.splitlines() if line.partition(":")[0] not in plan.placements and not link]
     if link:
         notes.append(
             f"its columns cannot be those of {chosen.n} joints, but of the joints that carry {link}: "
             f"--tip {link}, if it holds these alone"
         )
+    if robot is not None:
+        fault = MissingSignal(robot, plan, raw, source.name)
+        notes.extend(sentence for signal in MEANING for sentence in fault.partial(signal))
+    fresh += unit_lines(units, plan, chosen.joint_names)
     return LogInfo(
         file=source.name,
         format=fmt.name,
@@ -133,7 +142,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         channels=infos,
         taken=taken,
         missing=missing,
-        mapping=proposed,
+        mapping="\n".join(fresh),
         losses=(*raw.losses, *plan.unfit),
         notes=tuple(dict.fromkeys(notes)),
         reasons={signal: reason for signal, reason in reasons.items() if signal in missing},

@@ -162,11 +162,12 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
             hint="without --strict elid uses what is whole",
         )
     notes = [*raw.notes, *plan.notes, *told_torques(plan)]
-    factor = plan.time.factor if plan.time is not None else None
+    factor, mended = plan.time.factor if plan.time is not None else None, list[str]()
     try:
         seconds = in_seconds(
-            streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes
-        )
+            streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes,
+            repairs=mended,
+        )  # fmt: skip
     except LogError as error:
         line = proposal(raw, robot, raw.channels, ("t",), lambda _: True)[0]
         if plan.time is None and line:
@@ -185,10 +186,10 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
         _add(signals, signal, placement)
     checked = check(signals, robot, plan, raw, name, segments=aligned.segments, dt=aligned.dt, strict=options.strict)
     notes += checked.notes
-    checked.warnings.extend(written_units(getattr(raw, "units", {}), plan))
+    checked.warnings.extend(written_units(getattr(raw, "units", {}), plan, robot.joint_names))
     checked.warnings.extend(suspicions(checked, aligned, robot, plan))
     let_go(*signals.values())
-    return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)
+    return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *mended, *aligned.repairs], notes)
 
 
 def _with_rate(error: LogError, raw: RawLog, plan: ReadPlan, rate: float | None) -> LogError:

@@ -71,9 +71,9 @@ def read_robot(source: str | Path, *, beside: bool = True) -> Robot:
     if _is_xml(text) or xml:
         from elid_cli.robot.beside import beside_file, robot_with
 
-        robot = replace(_of_xml(text, str(path)), source=str(path))
+        robot = replace(_of_xml(text, str(path)), source=str(path), given=str(source))
         return robot_with(robot, beside_file(path)) if beside else robot
-    return robot_of_yaml(text, str(path))
+    return replace(robot_of_yaml(text, str(path)), given=str(source))
 
 
 def robot_from_text(text: str, name: str) -> Robot:

@@ -153,6 +153,8 @@ class Robot:
     """What ``identify --payload declared`` takes as carried in the second of two logs."""
     source: str = field(default="", compare=False)
     """The URDF or MJCF file it was read from; empty for one described by elid's own YAML."""
+    given: str = field(default="", compare=False, repr=False)
+    """What was asked for to get it: a path, or the name of a robot that comes with elid; empty: neither."""
     links: Mapping[str, str] = field(default_factory=_empty, compare=False)
     """Names of that file's links (bodies) with the joint that moves each, `BASE` where none does."""
     held: Mapping[str, float] = field(default_factory=_empty, compare=False)

@@ -185,8 +185,8 @@ def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...
 
 
 def read_log(value: Value) -> dict[str, Any]:
-    """Return the log mapping uninterpreted; what it means is the mapping's own business."""
-    data = value.plain()
+    """Return the log mapping uninterpreted, its keys with their places: what it means is the mapping's own business."""
+    data = value.plain(placed=True)
     if data is None:
         data = {}
     if not isinstance(data, dict):

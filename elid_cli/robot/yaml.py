@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from elid_cli.errors import RobotError, UsageError, did_you_mean
+from elid_cli.errors import Key, RobotError, UsageError, did_you_mean
 from elid_cli.files import LARGEST
 from elid_cli.robot.expressions import evaluate
 
@@ -100,6 +100,12 @@ class Value:
             own[key.text()] = (key, value)
         return [*own.values(), *(pair for name, pair in merged.items() if name not in own)]
 
+    def key(self) -> Key:
+        """Return a scalar as it is written, with its place."""
+        key = Key(self.text())
+        key.where = f"{self.file}:{self.node.start_mark.line + 1}"
+        return key
+
     def items(self) -> list[Value]:
         """Return the elements of a list."""
         if not isinstance(self.node, yaml.SequenceNode):
@@ -142,12 +148,15 @@ class Value:
             raise self.error(f"{len(items)} numbers where {count} are needed")
         return tuple(item.number() for item in items)
 
-    def plain(self) -> Any:
-        """Return the value as plain dicts, lists, numbers, texts, booleans and None, uninterpreted."""
+    def plain(self, *, placed: bool = False) -> Any:
+        """Return the value as plain dicts, lists, numbers, texts, booleans and None, uninterpreted.
+
+        `placed`: keys of mappings know where they are written (`written_at`).
+        """
         if isinstance(self.node, yaml.MappingNode):
-            return {key.text(): value.plain() for key, value in self.entries()}
+            return {key.key() if placed else key.text(): value.plain(placed=placed) for key, value in self.entries()}
         if isinstance(self.node, yaml.SequenceNode):
-            return [item.plain() for item in self.items()]
+            return [item.plain(placed=placed) for item in self.items()]
         quotes = getattr(self.node, "style", None)
         return self.text() if quotes else scalar(self.text())
 

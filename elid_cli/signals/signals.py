@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError, LogError
+from elid_cli.errors import DataError, LogError, UsageError
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque, error_integrals
 from elid_cli.signals.excerpts import excerpts
@@ -154,6 +154,18 @@ class Signals(Brief):
         return replace(self, filter=_plan(cutoff, rate, self.dt))
 
 
+def _possible(cutoff: float, dt: float) -> float:
+    """Return a cut-off, Hz, that a log of sample time `dt`, s, can be filtered at (UsageError: it cannot)."""
+    highest = 0.5 / dt
+    if np.isfinite(cutoff) and cutoff >= highest:
+        raise UsageError(
+            f"--cutoff {cutoff:g}: the log's {1 / dt:.6g} Hz hold nothing above {highest:.6g} Hz",
+            detail="such a low-pass takes nothing away",
+            hint=f"less than {highest:.6g}, or leave it out",
+        )
+    return cutoff
+
+
 def _plan(cutoff: float, rate: float | None, dt: float) -> LowPass:
     wanted = RATE_PER_CUTOFF * cutoff if rate is None else rate
     step = max(1, int(1.0 / (dt * wanted)))
@@ -182,13 +194,13 @@ def prepare(
     DataError
         If no joint moves.
     UsageError
-        Smooth commands of a log that holds torques.
+        Smooth commands of a log that holds torques, or a cut-off that it has no frequencies above.
     """
     options = options or SignalOptions()
     recording = with_commands(recording, options.commands, commanded=bool(recording.commanded.all()))
     dt = recording.dt
     usual = EFFECT_CUTOFF if robot.effects else DEFAULT_CUTOFF
-    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else options.cutoff
+    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else _possible(options.cutoff, dt)
     filter_ = _plan(cutoff, options.rate, dt)
     minimum = max(MINIMUM_SAMPLES, 2 * filter_.half + 2 * filter_.step)
     segments = tuple(s for s in recording.segments if len(s) >= minimum)

@@ -54,9 +54,13 @@ def test_turning_and_sliding_joints_have_no_common_average(
     assert "farther off" not in words
     words = said(["replay", str(log), "--robot", str(file), "--max-error", "0.001mrad"], 1, capsys)
     assert "exceeds --max-error 0.001 mrad or mm" in words
-    assert "'1parsec' is no distance; write 5mrad" in said(
-        ["replay", str(log), "--robot", str(file), "--max-error", "1parsec"], 2, capsys
-    )
+    for limit, told in (
+        ("1parsec", "'1parsec' is no distance; write 5mrad"), ("1", "1 would be 1 rad, or m; write 1mrad, 1deg or 1mm"),
+        ("1e999", "'1e999' is no distance"), ("-5mrad", "'-5mrad' is no distance"),
+    ):  # fmt: skip
+        assert told in said(["replay", str(log), "--robot", str(file), "--max-error", limit], 2, capsys)
+    words = said(["replay", str(log), "--robot", str(file), "--max-error", "0.0000001"], 1, capsys)
+    assert "exceeds --max-error 0.0001 mrad or mm" in words
 
 
 def test_a_replay_that_has_nothing_to_do_with_the_log_says_so(
@@ -98,3 +102,41 @@ def test_trend_and_init_name_what_was_given(
     result.write_text(capsys.readouterr().out, "utf-8")
     assert "1 recording is given, at least 3 are needed" in said(["trend", str(result)], 2, capsys)
     assert f"hint: elid compare {result} {result}" in said(["trend", str(result), str(result)], 2, capsys)
+
+
+def test_a_faulty_log_block_is_named_by_file_and_line_with_and_without_a_log(
+    machine: tuple[Path, Path, Robot], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, file, _ = machine
+    sound = file.read_text()
+    line = len(sound.splitlines()) + 3
+    file.write_text(f"{sound}log:\n  q:\n    form: /q\n")
+    for words in (["classify"], ["identify", str(log)]):
+        assert f"both.yaml:{line}: q: unknown key 'form'" in said([*words, "--robot", str(file)], 2, capsys)
+    file.write_text(f"{sound}log:\n  q: {{from: [a, b, c]}}\n")
+    assert f"both.yaml:{line - 1}: q: from: 3 places for 2" in said(["classify", "--robot", str(file)], 2, capsys)
+
+
+def test_hints_name_the_robot_as_it_was_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The file's name is not that of the robot in it."""
+    known = {name: value for name, value in BODY.items() if name != "fs"}
+    robot = Robot("both", (Joint("turn", transmission="rigid", parameters=known),))
+    t = np.arange(600) / 200.0
+    q = 0.2 * np.sin(2 * t)[:, None]
+    recording = Recording(("turn",), 1 / 200.0, t, q, q, np.cos(2 * t)[:, None], segments=(Segment(0, 600),))
+    log, file = tmp_path / "run.h5", tmp_path / "my robot.yaml"
+    write_recording(recording, log)
+    write_robot(robot, file)
+    told = said(["validate", str(log), "--robot", str(file)], 2, capsys)
+    assert f"--robot '{file}' --write-robot both-identified.yaml" in told
+
+
+@pytest.mark.parametrize("cutoff", ["100", "1000"])
+def test_a_cut_off_that_filters_nothing_is_refused(
+    machine: tuple[Path, Path, Robot], capsys: pytest.CaptureFixture[str], cutoff: str
+) -> None:
+    log, file, _ = machine
+    words = ["identify", str(log), "--robot", str(file), "--cutoff", cutoff]
+    told = said(words, 2, capsys)
+    assert f"--cutoff {cutoff}: the log's 200 Hz hold nothing above 100 Hz" in told
+    assert "hint: less than 100, or leave it out" in told

@@ -106,6 +106,16 @@ def test_a_torque_that_pulls_with_the_weight_is_doubted(robot: Robot, log: tuple
         assert said.endswith(key)
 
 
+def test_where_torques_are_computed_the_commands_are_turned(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
+    """A mapping of tau would have no effect."""
+    told = {s: Placement(SignalMap(s, f"{s}{{i}}"), (), (), f"{s}{{i}}") for s in ("q_des", "dq_des")}
+    signs = np.array([1, 1, -1, 1, 1, 1])
+    (said,) = wrong_scales(Weighed(log[0], log[1] * signs, DT, robot), ReadPlan(told, None, (), (), {}), computed=True)
+    assert "a sign of the commands is wrong" in said
+    lines = 'q_des: {from: "q_des{i}", sign: {joint3: -1}} and dq_des: {from: "dq_des{i}", sign: {joint3: -1}}'
+    assert said.endswith(f"map it: {lines}")
+
+
 def test_a_motors_torque_without_gears_and_masses_is_asked_about(robot: Robot) -> None:
     bare = replace(robot, joints=tuple(replace(j, parameters={}) for j in robot.joints))
     mapped = replace(PLAN, mapped=frozenset({"tau"}))

@@ -1,4 +1,4 @@
-"""Arrays as NumPy and MATLAB before v7.3 write them: budgets, damage, and a sample rate that is asked for once."""
+"""Arrays as NumPy, HDF5 and MATLAB before v7.3 write them: paths, budgets, damage, a sample rate asked for once."""
 
 import io
 import struct
@@ -6,6 +6,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs import read_recording
 from tests import peaks
 from tests.logs.made_logs import ROBOT, read, recording, same
+from tests.logs.mcap_made import canonical
 from tests.system.field_logs import old_matlab
 
 BASE = recording(400)
@@ -71,7 +73,7 @@ def test_a_header_that_lies_is_refused(tmp_path: Path, shape: str) -> None:
 
 def test_objects_are_never_unpickled(tmp_path: Path) -> None:
     np.save(path := tmp_path / "a.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(LogError, match="damaged"):
+    with pytest.raises(LogError, match="the array holds Python objects"):
         read(path)
 
 
@@ -94,3 +96,23 @@ def test_a_name_that_is_no_array_is_no_archive(tmp_path: Path) -> None:
     (path := tmp_path / "a.npz").write_bytes(buffer.getvalue()[:200])
     with pytest.raises(LogError):
         read(path)
+
+
+def test_the_first_slash_of_a_path_may_be_left_out(tmp_path: Path) -> None:
+    path, base = tmp_path / "log.h5", recording(400)
+    with h5py.File(path, "w") as file:
+        for name in ("q", "theta", "tau", "clock"):
+            file[f"arr/{name}"] = base.t if name == "clock" else getattr(base, name)
+    for slash in ("", "/"):
+        mapping = {name: {"from": f"{slash}arr/{name}"} for name in ("q", "theta", "tau")}
+        for more in ({"t": {"from": f"{slash}arr/clock"}}, {}):
+            own = {} if more else {"time": f"{slash}arr/clock"}
+            same(read(path, mapping={name: entry | own for name, entry in mapping.items()} | more), base)
+    with pytest.raises(LogError, match="no position") as caught:
+        read(path, mapping={"theta": {"from": "ar/theta"}, "t": {"from": "arr/clock"}})
+    assert "the log has no 'ar/theta' (nearest: '/arr/theta')" in caught.value.detail
+
+
+def test_a_topic_may_be_named_without_its_slash(tmp_path: Path) -> None:
+    path = canonical(tmp_path / "log.mcap")
+    same(read(path, mapping={"theta": {"from": "motor_states.position"}}), recording(400))

@@ -305,6 +305,61 @@ def test_one_message_alone_without_a_stamp_is_no_clock() -> None:
     assert in_seconds([Stream(np.zeros((1, 1)), alone)], notes=[])[0].tolist() == [0.0]
 
 
+@pytest.mark.parametrize("start", [20, 1000, 1_764_000_000], ids=["just on", "uptime", "epoch"])
+@pytest.mark.parametrize("apart", [0, 7_000_000, 1_764_000_000 * 10**9], ids=["one clock", "late", "another clock"])
+def test_a_zero_header_stamp_takes_its_place_by_the_log_time(start: int, apart: int) -> None:
+    """The numbers of the other stamps stay exact, and drift between the clocks is followed."""
+    stamps = start * 10**9 + 2_000_000 * np.arange(4000) + np.arange(4000) % 7
+    logged = stamps + apart + 1000 * np.arange(4000)
+    broken = stamps.copy()
+    broken[[0, 80, 81, 2000, 3999]] = 0
+    notes: list[str] = []
+    (t,) = in_seconds([Stream(np.ones((4000, 1)), {"header stamp": broken, "log time": logged})], notes=notes)
+    wanted = (stamps - stamps[0]) * 1e-9
+    assert np.abs((t - t[1]) - (wanted - wanted[1])).max() < 3e-6
+    inner = broken != 0
+    assert np.abs((t - t[1] - wanted + wanted[1])[inner]).max() < 1e-12 * max(1, start * 1e-3)
+    assert notes == ["5 header stamps are zero: taken by the log time"]
+
+
+def test_a_zero_stamp_amid_a_clock_that_starts_at_zero_takes_its_place_too() -> None:
+    stamps = 2_000_000 * np.arange(4000)
+    broken = stamps.copy()
+    broken[80] = 0
+    (t,) = in_seconds([Stream(np.ones((4000, 1)), {"header stamp": broken, "log time": stamps + 10**18})], notes=[])
+    assert np.abs(t - stamps * 1e-9).max() < 1e-9
+
+
+@pytest.mark.parametrize("fault", ["never advances", "zero as well"])
+def test_a_zero_header_stamp_without_a_log_time_is_no_time(fault: str) -> None:
+    stamps = 1000 * 10**9 + 2_000_000 * np.arange(4000)
+    broken, logged = stamps.copy(), stamps + 10**18
+    broken[80] = 0
+    logged[... if fault == "never advances" else 80] = 0
+    (t,) = in_seconds([Stream(np.ones((4000, 1)), {"header stamp": broken, "log time": logged})], notes=[])
+    assert np.flatnonzero(np.isnan(t)).tolist() == [80]
+    assert np.nanmax(np.abs(t - 2e-3 * np.arange(4000))) < 1e-9
+
+
+def test_messages_without_a_stamp_in_a_log_of_uptime_are_read(tmp_path: Path) -> None:
+    from tests.logs.made_logs import JOINTS
+
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic)
+    for row, t in enumerate(np.rint(BASE.t[:500] * 1e9).astype(int).tolist()):
+        stamp = 1000 * 10**9 + t
+        shown = 0 if row == 80 else stamp
+        bag.add("/joint_states", stamp, joint_state(shown, list(JOINTS), BASE.q[row]))
+        bag.add("/motor_states", stamp, joint_state(stamp, list(JOINTS), BASE.theta[row], effort=BASE.tau[row]))
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    got = read(path)
+    assert got.samples == 500
+    same(got, BASE)
+    assert "1 header stamp is zero: taken by the log time" in got.repairs
+
+
 def test_two_episodes_of_hdf5_are_segments(tmp_path: Path) -> None:
     import h5py
 

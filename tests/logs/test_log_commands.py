@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 from elid_cli.cli import main
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs import read_map_options, write_recording
+from elid_cli.logs.inspect import inspect_log
 from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.schema import robot_of_yaml
@@ -161,3 +163,29 @@ def test_a_quadrupeds_leg_is_identified_from_its_commands(tmp_path: Path, capsys
     # the laboratory's own fit by replay: armature 0.0426 kg·m² at the joint, damping 0.333, friction loss 0.714
     assert values["Jm3"] * 6.33**2 == pytest.approx(0.0426, rel=0.3)
     assert values["fs3"] == pytest.approx(0.714, rel=0.15)
+
+
+@pytest.mark.parametrize("goal", ["", "goal_position"])
+def test_commands_without_positions_are_asked_for_these(tmp_path: Path, goal: str) -> None:
+    """What the log has of the commands is no answer to what it lacks."""
+    base = recording(1200, 500.0, velocities=True)
+    assert base.dq is not None
+    columns = {f"q.{j}": base.q[:, k] for k, j in enumerate(JOINTS)} | {"t": base.t}
+    columns |= {f"dq_des.{j}": base.dq[:, k] for k, j in enumerate(JOINTS)}
+    columns |= {f"{goal}.{j}": base.q[:, k] for k, j in enumerate(JOINTS) if goal}
+    path = tmp_path / "log.csv"
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="")
+    with pytest.raises(LogError, match="no torque, and no q_des to compute it from") as caught:
+        read(path, robot=CONTROLLED)
+    assert "of commands it has dq_des and no q_des (the log has no 'q_des." in caught.value.detail
+    info = inspect_log(path, CONTROLLED)
+    assert info.reasons["tau"].startswith("of commands it has dq_des and no q_des")
+    if not goal:
+        assert caught.value.hint.endswith("--map q_des=PLACE, or --map tau=PLACE")
+        assert info.mapping == ""
+        return
+    assert caught.value.hint.endswith(f"--map {shlex.quote(info.mapping)}")
+    log = read(path, robot=CONTROLLED, mapping=read_map_options([info.mapping]))
+    assert log.sources["tau"] == "command"
+    assert np.array_equal(log.commands["q_des"], base.q)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -20,6 +21,7 @@ from elid_cli.report.answers.summary import trust_words
 from elid_cli.robot.robot import Limits
 from elid_cli.robot.text import text_of
 from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, written
+from tests.logs.mcap_made import Bag, joint_state
 
 BASE = recording(1200, 500.0)
 RIGID = replace(ROBOT, joints=tuple(replace(joint, transmission="rigid") for joint in ROBOT.joints))
@@ -225,10 +227,125 @@ def test_a_prediction_is_not_called_trusted_where_a_unit_is_doubted(tmp_path: Pa
     assert "which is no torque" in told[1]
     path = text(tmp_path, {"t": BASE.t, "q1[rad]": Q[:, 0], "q2[deg]": Q[:, 1], "q3": Q[:, 2], **each("tau{}", TAU)})
     told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}"}}).warnings
-    assert "q is in 'deg' by its header and taken without conversion" in told
+    line = 'q: {from: "q{i}", unit: {elbow: deg}}'
+    assert f"q is in 'deg' by its header and taken without conversion; if so, map it: {line}" in told
 
 
 def test_numbered_values_of_joint_states_are_said_to_be_taken_in_the_robots_order(tmp_path: Path) -> None:
     columns = {"__time": BASE.t, **each("/joint_states/position[{}]", Q, 0), **each("/joint_states/effort[{}]", TAU, 0)}
     notes = read(text(tmp_path, columns), robot=RIGID).notes
     assert any(note.startswith("q: values of /joint_states/position[{i0}] have no names") for note in notes)
+
+
+def test_no_joint_is_proposed_the_column_of_another(tmp_path: Path) -> None:
+    """The nearest name is that of a joint which has its own."""
+    columns = {"t": BASE.t, **each("q.{j}", Q), **each("tau.{j}", TAU), **each("theta.{j}", BASE.theta)}
+    del columns["theta.elbow"]
+    with pytest.raises(LogError, match="no motor position for elbow") as caught:
+        read(text(tmp_path, columns))
+    assert "shoulder wrist" in caught.value.detail
+    assert "joints:" not in caught.value.hint
+    columns["theta.elbo"] = BASE.theta[:, 1]
+    with pytest.raises(LogError, match="no motor position for elbow") as caught:
+        read(text(tmp_path, columns))
+    assert "joints: {elbow: elbo}" in caught.value.hint
+
+
+def test_columns_of_a_name_that_two_joints_have_are_proposed_by_number(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["joint_names"] = ["shoulder", "wrist", "wrist"]
+        for name in ("t", "q", "theta", "tau"):
+            file[name] = getattr(BASE, name)
+    with pytest.raises(LogError, match="for elbow") as caught:
+        read(path)
+    assert "names wrist more than once" in caught.value.detail
+    pasted = shlex.split(caught.value.hint.partition("--map")[2].replace("--map", ""))
+    log = read(path, mapping=read_map_options(pasted))
+    for name in ("q", "theta", "tau"):
+        assert np.array_equal(getattr(log, name), getattr(BASE, name))
+
+
+def test_no_signal_is_proposed_that_was_found(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("t", "theta", "tau"):
+            file[name] = getattr(BASE, name)
+        file["q"] = BASE.q[:, 0]
+    with pytest.raises(LogError, match="no link position") as caught:
+        read(path)
+    assert "theta" not in caught.value.hint
+
+
+def test_names_of_another_number_than_the_columns_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["joint_names"] = ["elbow", "wrist"]
+        for name in ("t", "q", "theta", "tau"):
+            file[name] = getattr(BASE, name)
+    log = read(path)
+    assert np.array_equal(log.q, BASE.q)
+    assert "joint_names holds 2 names (elbow, wrist) and /q 3 columns: not used" in log.repairs
+    with pytest.raises(LogError, match="joint_names holds 2 names"):
+        read(path, strict=True)
+
+
+def without_elbow(folder: Path, form: str) -> Path:
+    """Write a log that holds no torque of the elbow."""
+    if form == "columns":
+        columns = {"t": BASE.t, **each("q.{j}", Q), **each("tau.{j}", TAU), **each("theta.{j}", BASE.theta)}
+        return text(folder, {name: values for name, values in columns.items() if name != "tau.elbow"})
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states", "/motor_torques"):
+        bag.topic(topic)
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        stamp = 10**18 + t
+        bag.add("/joint_states", stamp, joint_state(stamp, list(JOINTS), Q[row]))
+        bag.add("/motor_states", stamp, joint_state(stamp, list(JOINTS), BASE.theta[row]))
+        torques = joint_state(stamp, ["wrist", "shoulder"], [0, 0], effort=TAU[row, [2, 0]])
+        bag.add("/motor_torques", stamp, torques)
+    path = folder / "log.mcap"
+    path.write_bytes(bag.bytes())
+    return path
+
+
+@pytest.mark.parametrize("form", ["columns", "messages"])
+def test_a_joint_without_torque_is_refused_until_it_is_told_so(tmp_path: Path, form: str) -> None:
+    path, mapping = without_elbow(tmp_path, form), {}
+    if form == "messages":
+        mapping = {"tau": {"from": "/motor_torques", "field": "effort", "sign": -1}}
+    with pytest.raises(LogError, match="no torque for elbow") as caught:
+        read(path, mapping=mapping)
+    assert caught.value.exit_code == 3
+    assert "names" in caught.value.detail
+    (line,) = shlex.split(caught.value.hint.partition("to do without: --map ")[2])
+    log = read(path, mapping=mapping | read_map_options([line]))
+    assert np.isnan(log.tau).all(axis=0).tolist() == [False, True, False]
+    np.testing.assert_allclose(log.tau[:, 0], TAU[:, 0] * (-1 if form == "messages" else 1), atol=1e-9)
+    place = "/motor_torques.effort" if form == "messages" else "tau.shoulder, tau.wrist"
+    assert any(warning.startswith(f"elbow: no torque tau in {place}: inertia") for warning in log.warnings)
+
+
+def test_units_of_headers_are_proposed_by_info_for_signals_that_it_finds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each joint in its own unit; what is in SI needs no word."""
+    columns = {"t": BASE.t, **each("q.{j}", Q), **each("dq.{j} [°/s]", Q), **each("tau.{j} [Nm]", TAU)}
+    columns["q.elbow [°]"], columns["q.wrist [mm]"] = np.degrees(columns.pop("q.elbow")), 1e3 * columns.pop("q.wrist")
+    path, robot, file = text(tmp_path, columns), tmp_path / "arm.yaml", tmp_path / "map.yaml"
+    robot.write_text(text_of(RIGID))
+    info = inspect_log(path, RIGID)
+    assert info.missing == ()
+    assert info.mapping.splitlines() == [
+        'q: {from: "q.{joint}", unit: {elbow: deg, wrist: mm}}', 'dq: {from: "dq.{joint}", unit: deg/s}',
+    ]  # fmt: skip
+    words = ["info", str(path), "--robot", str(robot), "--color", "never"]
+    assert main([*words, "--write-map", str(file)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "This log can be used, with the mapping below, which says its units" in said
+    assert f"--map {file}" in said
+    log = read(path, robot=RIGID, mapping=read_map_options([str(file)]))
+    np.testing.assert_allclose(log.q, Q, atol=1e-9)
+    assert not any("by its header" in warning for warning in log.warnings)
+    assert main([*words, "--map", str(file)]) == 0
+    assert "This log can be used: it has" in " ".join(capsys.readouterr().out.split())

@@ -85,6 +85,29 @@ def test_other_joint_names_are_paired_in_the_suggestion(tmp_path: Path) -> None:
     same(read(path, mapping=mapping), BASE)
 
 
+@pytest.mark.parametrize(
+    ("labels", "wanted"),
+    [
+        (("swing", "lift"), {"shoulder": "lift", "elbow": "swing"}),  # in another order
+        (("swing_motor", "lift_motor"), {"shoulder": "lift_motor", "elbow": "swing_motor"}),
+        (("swing", "x"), {"elbow": "swing"}),  # one is not there: another is no guess for it
+    ],
+)
+def test_a_joint_is_the_same_one_in_every_topic(labels: tuple[str, ...], wanted: dict[str, str]) -> None:
+    first = ("lift", "swing")
+    names = ("/states", "position", first), ("/motors", "position", labels), ("/motors", "effort", labels)
+    channels = [Channel(source, field, 2, labels=own) for source, field, own in names]
+    mapping = yaml.safe_load(suggestion(channels, ("shoulder", "elbow"), ("q", "theta", "tau")))
+    assert mapping["q"]["joints"] == {"shoulder": "lift", "elbow": "swing"}
+    assert mapping["theta"]["joints"] == mapping["tau"]["joints"] == wanted
+
+
+def test_a_joint_of_the_same_name_is_not_paired_with_another() -> None:
+    channel = Channel("/states", "position", 3, labels=("c1", "elbow", "elbow2"))
+    mapping = yaml.safe_load(suggestion([channel], ("elbow", "elbow1"), ("q",)))
+    assert mapping["q"]["joints"] == {"elbow": "elbow", "elbow1": "elbow2"}
+
+
 def test_topics_that_cannot_be_decoded_are_listed(tmp_path: Path) -> None:
     bag = Bag()
     bag.topic("/joint_states", language="ros2idl", schema="arm_msgs/msg/X", shown="module x {};", text="float64 a\n")

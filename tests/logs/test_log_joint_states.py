@@ -97,3 +97,28 @@ def test_a_signal_and_its_place_are_spelt_as_in_a_file_or_with_an_equals_sign() 
     told = {"q_des": {"from": "/joint_commands.position"}}
     assert read_map_options(["q_des: /joint_commands.position"]) == told
     assert read_map_options(["q_des=/joint_commands.position"]) == told
+
+
+@pytest.mark.parametrize("labels", [JOINTS, JOINTS[::-1], JOINTS[1:], JOINTS[:2]])
+def test_another_topic_with_the_joints_that_lack_is_named(tmp_path: Path, labels: tuple[str, ...]) -> None:
+    """That of a namespace is not taken by itself: it may hold what was wanted, not what was."""
+    recorder = Bag()
+    order = [JOINTS.index(label) for label in labels]
+    for topic in ("/joint_states", "/arm/joint_states", "/motor_states"):
+        recorder.topic(topic)
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        stamp = 10**18 + t
+        recorder.add("/joint_states", stamp, joint_state(stamp, list(JOINTS[:2]), BASE.q[row, :2]))
+        recorder.add("/arm/joint_states", stamp, joint_state(stamp, list(labels), BASE.q[row, order]))
+        recorder.add("/motor_states", stamp, joint_state(stamp, list(JOINTS), BASE.theta[row], effort=BASE.tau[row]))
+    path = tmp_path / "log.mcap"
+    path.write_bytes(recorder.bytes())
+    (said,) = (warning for warning in read(path).warnings if "no link position q" in warning)
+    (noted,) = (note for note in inspect_log(path, ROBOT).notes if "is not in" in note)
+    assert noted.startswith("q of wrist is not in /joint_states.position")
+    for words in (said, noted):
+        assert ("/arm/joint_states.position names wrist as well" in words) == ("wrist" in labels)
+        assert ("map it: q: {from: /arm/joint_states, field: position}" in words) == (len(labels) == 3)
+    if len(labels) == 3:
+        log = read(path, mapping=read_map_options([said.partition("map it: ")[2]]))
+        np.testing.assert_allclose(log.q, BASE.q, atol=1e-12)

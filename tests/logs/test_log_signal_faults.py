@@ -302,6 +302,21 @@ def test_map_options_read_files_and_short_forms(tmp_path: Path) -> None:
         read_map_options([str(file)])
 
 
+def test_errors_in_files_of_mappings_name_file_and_line(tmp_path: Path) -> None:
+    log, file = written(tmp_path, "log.csv", BASE), tmp_path / "map.yaml"
+    file.write_text("t: {from: t}\n\nq:\n  from: q.{joint}\n  unitt: deg\n")
+    with pytest.raises(UsageError, match=r"map.yaml:5: q: unknown key 'unitt'"):
+        read(log, mapping=read_map_options([str(file)]))
+    file.write_text("t: {from: t}\nq: {from: 'q.{joint}', unit: degg}\n")
+    with pytest.raises(UsageError, match=r"map.yaml:2: q: unknown unit 'degg'"):
+        read(log, mapping=read_map_options([str(file)]))
+    with pytest.raises(UsageError, match=r"--map: q: unknown unit 'dgg'"):  # the line is no longer the file's
+        read(log, mapping=read_map_options([str(file), "q: {from: 'q.{joint}', unit: dgg}"]))
+    file.write_text("long: {nam: channel, value: value}\n")
+    with pytest.raises(UsageError, match=r"map.yaml:1: long: unknown key 'nam'"):
+        read(log, mapping=read_map_options([str(file)]))
+
+
 # units and signs told from theta against q
 
 
@@ -312,9 +327,12 @@ def test_map_options_read_files_and_short_forms(tmp_path: Path) -> None:
         (lambda x: x / (2 * np.pi), ["theta looks like turns", "unit: rev"]),
         (lambda x: x * 8192 / (2 * np.pi), ["encoder counts", "unit: counts:8192"]),
         (lambda x: x * 80, ["not divided by the gear ratio", "side: motor"]),
-        (lambda x: -x, ["moves opposite to q", "sign: -1"]),
-        (lambda x: x + 0.3, ["away from q", "offset: {elbow: -0.3"]),
-        (lambda x: x + 4 * np.pi, ["2 whole turns"]),
+        (
+            lambda x: -x,
+            ["moves opposite to q", 'theta: {from: "theta.{joint}", sign: {elbow: -1}}'],
+        ),
+        (lambda x: x + 0.3, ["away from q", "offset: {elbow: -0.3}"]),
+        (lambda x: x + 4 * np.pi, ["2 whole turns", "offset: {elbow: -12.5664}"]),
         (lambda x: (x + 2.9 + np.pi) % (2 * np.pi) - np.pi, ["wraps", "unwrap: true"]),
     ],
     ids=["deg", "rev", "counts", "motor side", "sign", "offset", "turns", "wrap"],

@@ -18,9 +18,12 @@ if TYPE_CHECKING:
 
 SCALES = {"mrad": 1e-3, "rad": 1.0, "deg": 0.017453292519943295, "mm": 1e-3, "m": 1.0}
 
+FAR = 0.1
+"""rad or m that no replay is meant to be off by: whoever writes more without a unit means another one."""
+
 
 class Distance(click.ParamType):  # type: ignore[type-arg]
-    """An angle or a length: ``5mrad``, ``0.3deg``, ``2mm``; a bare number is in rad or m."""
+    """An angle or a length: ``5mrad``, ``0.3deg``, ``2mm``; a bare number is in rad or m, and a small one."""
 
     name = "distance"
 
@@ -34,6 +37,8 @@ class Distance(click.ParamType):  # type: ignore[type-arg]
             number = math.nan
         if not (0 < number < math.inf):
             self.fail(f"{value!r} is no distance; write 5mrad, 0.3deg or 2mm", param, ctx)
+        if not unit and number > FAR:
+            self.fail(f"{value} would be {value} rad, or m; write {value}mrad, {value}deg or {value}mm", param, ctx)
         return number * SCALES.get(unit, 1.0)
 
 

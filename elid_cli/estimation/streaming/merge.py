@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -135,7 +136,7 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
                 f"{log.name}: reduced for another robot than {robot.name}",
                 detail=f"fingerprint {log.fingerprint[:12]}, that of {robot.name} is {own[:12]}: joints, geometry, "
                 "gravity, gears, transmissions or declared effects differ",
-                hint=f"elid reduce LOG --robot {robot.name} -o FILE.npz",
+                hint=f"elid reduce LOG --robot {shlex.quote(robot.given or robot.name)} -o FILE.npz",
             )
     refuse_mixed([log.name for log in logs], np.array([log.facts.unlinked for log in logs]), robot.joint_names)
     behind = np.array([log.facts.link_torque for log in logs])

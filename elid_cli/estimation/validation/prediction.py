@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -148,7 +149,17 @@ def complete(robot: Robot, base: BaseParameters) -> Array:
         raise RobotError(
             f"{robot.name}: the robot file does not give {len(unknown)} of {base.count} base parameters",
             detail=f"not known: those led by {first_of(unknown, 8)}",
-            hint=f"elid identify LOG --robot {robot.name} --write-robot {robot.name}-identified.yaml",
+            hint=shlex.join(
+                [
+                    "elid",
+                    "identify",
+                    "LOG",
+                    "--robot",
+                    robot.given or robot.name,
+                    "--write-robot",
+                    f"{robot.name}-identified.yaml",
+                ]
+            ),
         )
     return np.nan_to_num(robot.reference())
 

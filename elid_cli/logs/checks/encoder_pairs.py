@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +25,12 @@ LARGE_OFFSET = 0.02
 """rad or m; a constant theta - q above this is worth a word …"""
 OF_DEFLECTION = 5.0
 """… if it is also this many times the spread of theta - q."""
-OF_LOAD = 3.0
-"""… and this many times what the joint's mean torque bends a spring of the robot file's stiffness by."""
+OF_LOAD = 2.0
+"""… and this many times what the load bends the spring by, beyond that."""
+IF_SO = "if so, map it: "
+"""How a mapping is proposed."""
+WHOLE = 1e-3
+"""Part of a turn up to which an offset is one of whole turns."""
 
 
 def as_yaml(unit: str) -> str:
@@ -76,7 +80,25 @@ class Pair:
             joint.revolute,
         )
 
-    def sentences(self, plan: ReadPlan, bent: float = 0.0, *, sprung: bool = False) -> Iterator[str]:
+    @property
+    def opposite(self) -> bool:
+        """Whether the two positions move opposite to each other."""
+        return abs(self.correlation) >= ALIKE and self.slope < 0
+
+    def shift(self, bent: float = math.nan) -> float:
+        """Return by how much, rad or m, theta's zero is off beside what the load bends the spring by; 0: not shown.
+
+        `bent` is that deflection, rad or m, NaN where it is not known.
+        """
+        if abs(self.correlation) < ALIKE or not abs(self.slope - 1) <= 2 * CLOSE:
+            return 0.0
+        bent = bent if math.isfinite(bent) else 0.0
+        least = max(LARGE_OFFSET, OF_DEFLECTION * self.spread, OF_LOAD * abs(bent))
+        return self.offset - bent if abs(self.offset - bent) > least else 0.0
+
+    def sentences(
+        self, plan: ReadPlan, bent: float = math.nan, *, sprung: bool = False, mends: Mends | None = None
+    ) -> Iterator[str]:
         """Yield what is suspicious about this joint.
 
         Parameters
@@ -84,30 +106,41 @@ class Pair:
         plan
             Where positions were read from.
         bent
-            rad or m by which the mean load bends its spring.
+            rad or m by which the mean load bends its spring; NaN: not known.
         sprung
             Whether theta - q follows the torque as the robot file's spring does: then a slope near 1 is its work.
+        mends
+            What is wrong at all joints of the log, as a mapping mends them together; None: at this one alone.
         """
         if abs(self.correlation) < ALIKE:
             return
         where = f"{self.name}: theta"
         size = abs(self.slope)
-        if self.slope < 0:
-            turned = proposed(plan, "theta", "sign: -1")
-            yield f"{where} moves opposite to q: one of the two has the wrong sign; {turned}"
+        mends = mends or Mends.of([(self, bent)], plan, (self.name,))
+        if self.opposite:
+            first, second = (proposed(plan, side, mends.signs(plan, side)) for side in ("q", "theta"))
+            either = f"{first} where that is q, {second.removeprefix(IF_SO)} where that is theta"
+            yield f"{where} moves opposite to q: one of the two has the wrong sign; {either}"
         if abs(size - 1) > 2 * CLOSE:
             what, mend = self._factor(size)
             if mend is None and sprung and self.slope > 0:
                 return
             mapping = f"; {proposed(plan, *mend)}" if mend else ""
             yield f"{where} moves {size:.4g} times as far as q: {what}{mapping}"
-        elif self.slope > 0 and abs(self.offset) > max(LARGE_OFFSET, OF_DEFLECTION * self.spread, OF_LOAD * abs(bent)):
+        elif shift := self.shift(bent):
             unit = "rad" if self.revolute else "m"
-            turns = self.offset / (2 * math.pi)
-            whole = self.revolute and abs(turns - round(turns)) < 1e-3 and round(turns) != 0
-            also = f" ({round(turns)} whole turns)" if whole else ""
-            paste = proposed(plan, "theta", f"offset: {{{self.name}: {-self.offset:.6g}}}")
-            yield f"{where} is {self.offset:+.4g} {unit}{also} away from q throughout; {paste}"
+            turns = self.whole_turns(shift)
+            rough = "" if turns else "; roughly, as elid diagnose tells it exactly (encoder_offset)"
+            also = f" ({turns} whole turns)" if turns else ""
+            known = bool(bent) and math.isfinite(bent) and not turns
+            beside = f", {shift:+.3g} {unit} beside what its load bends the spring by" if known else ""
+            paste = proposed(plan, "theta", mends.offsets)
+            yield f"{where} is {self.offset:+.4g} {unit}{also} away from q throughout{beside}{rough}; {paste}"
+
+    def whole_turns(self, shift: float) -> int:
+        """Return the number of whole turns that a shift, rad, is; 0 where it is none."""
+        turns = shift / (2 * math.pi)
+        return round(turns) if self.revolute and abs(turns - round(turns)) < WHOLE else 0
 
     def _factor(self, size: float) -> tuple[str, tuple[str, str] | None]:
         """Return the likely reason of a slope and the signal and key that would mend it."""
@@ -160,10 +193,75 @@ def swap(q: Array, theta: Array, pairs: list[Pair], robot: Robot) -> str:
     return ""
 
 
-def proposed(plan: ReadPlan, signal: str, key: str) -> str:
-    """Return the words that propose a mapping."""
+@dataclass(frozen=True)
+class Mends:
+    """What a mapping must say of all joints together: of one signal it has a single entry."""
+
+    names: tuple[str, ...]
+    """The robot's joints."""
+    opposite: tuple[str, ...]
+    """Joints whose positions move opposite to each other."""
+    offsets: str
+    """The mapping's key with the offsets of theta; empty: none."""
+
+    @classmethod
+    def of(cls, pairs: Sequence[tuple[Pair, float]], plan: ReadPlan, names: tuple[str, ...]) -> Mends:
+        """Return what pairs, each with the deflection under its mean load (`Pair.shift`), say of a robot's joints."""
+        opposite = [p.name for p, _ in pairs if p.opposite]
+        written = _per_joint(plan, "theta", "offset", names)
+        found = []
+        for pair, bent in pairs:
+            shift = pair.shift(bent)
+            whole = 2 * math.pi * pair.whole_turns(shift)
+            size = f"{whole:.6g}" if whole else f"{shift:.3g}" if math.isfinite(bent) else f"{shift:.2g}"
+            written[pair.name] -= float(size) if shift else 0.0
+        found = [f"{name}: {value:.6g}" for name, value in written.items() if value]
+        return cls(names, tuple(opposite), f"offset: {{{', '.join(found)}}}" if found else "")
+
+    def signs(self, plan: ReadPlan, signal: str) -> str:
+        """Return the mapping's key that turns a signal of those joints round."""
+        return turned(plan, signal, self.opposite, self.names)
+
+
+def turned(plan: ReadPlan, signal: str, joints: Sequence[str], names: Sequence[str]) -> str:
+    """Return the key of a mapping that turns a signal of some of the robot's joints round, beside what is written."""
+    signs = _per_joint(plan, signal, "sign", names)
+    signs |= {name: -signs[name] for name in joints}
+    if len(set(signs.values())) == 1:
+        return f"sign: {signs[names[0]]:g}"
+    return f"sign: {{{', '.join(f'{name}: {sign:g}' for name, sign in signs.items() if sign != 1)}}}"
+
+
+def turned_round(
+    plan: ReadPlan, signal: str, joints: Sequence[str], names: Sequence[str], *, computed: bool = False
+) -> str:
+    """Return the words that propose to turn a signal of some joints round; of a computed torque, the commands."""
+    sides = [side for side in ("q_des", "dq_des", "tau_ff") if side in plan.placements] if computed else [signal]
+    asked = [proposed(plan, side, turned(plan, side, joints, names)) for side in sides]
+    return " and ".join([*asked[:1], *(line.removeprefix(IF_SO) for line in asked[1:])])
+
+
+def _per_joint(plan: ReadPlan, signal: str, key: str, names: Sequence[str]) -> dict[str, float]:
+    """Return a number per joint as the mapping of a signal has it."""
     placement = plan.placements.get(signal)
+    given = getattr(placement.spec, key) if placement is not None else {"sign": 1.0, "offset": 0.0}[key]
+    return dict(zip(names, np.broadcast_to(given, len(names)).tolist(), strict=True))
+
+
+def proposed(plan: ReadPlan, signal: str, key: str) -> str:
+    """Return the words that propose a mapping: the present one of a signal with a key more, or another value of it."""
+    from elid_cli.robot.yaml import inline
+
+    placement = plan.placements.get(signal)
+    effort = plan.placements.get("tau_link")
+    if placement is None and signal == "tau" and effort is not None and effort.either:
+        placement = effort
     place = placement.places if placement is not None else signal
     source, dot, field = place.rpartition(".") if place.startswith("/") else (place, "", "")
     words = f"from: {source}, field: {field}" if dot else f'from: "{place}"'
-    return f"if so, map it: {signal}: {{{words}, {key}}}"
+    written = dict(placement.spec.written or {}) if placement is not None else {}
+    if isinstance(written.get("from"), list):
+        words = ", ".join(f"{name}: {inline(written[name])}" for name in ("from", "field") if name in written)
+    new = {"from", "field", *re.findall(r"(\w+):", re.sub(r"\{[^}]*\}", "", key))}
+    kept = "".join(f", {name}: {inline(value)}" for name, value in written.items() if name not in new)
+    return f"{IF_SO}{signal}: {{{words}{kept}, {key}}}"

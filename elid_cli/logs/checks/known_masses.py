@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import in_words
-from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
+from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed, turned_round
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import LAG, SURE, WRONG_SCALE, Slope, slopes_beside
 from elid_cli.logs.mapping.plan import ReadPlan
@@ -106,12 +106,13 @@ def wrong_scales(log: Weighed, plan: ReadPlan, *, signal: str = "tau", computed:
         )
     opposed = [s for s in scales if s.correlation < -FAINT and s.ratio + SURE * s.deviation < -1 / WRONG_SCALE]
     if opposed:
-        signs = ", ".join(f"{names[s.joint]}: -1" for s in opposed)
-        key = "sign: -1" if len(opposed) == len(scales) else f"sign: {{{signs}}}"
+        against = [names[s.joint] for s in opposed]
+        turning = names if len(opposed) == len(scales) > 1 else against
+        which = "a sign of the commands is" if computed else "a sign is"
         yield (
-            f"{signal} of {in_words([names[s.joint] for s in opposed])} {AGAINST} of the described bodies: a sign is "
+            f"{signal} of {in_words(against)} {AGAINST} of the described bodies: {which} "
             f"wrong, or the gravity of {robot.name} (a robot that hangs says gravity: [0, 0, 9.81]); "
-            f"{proposed(plan, signal, key)}"
+            f"{turned_round(plan, signal, turning, names, computed=computed)}"
         )
     off = [s for s in scales if s.correlation > FAINT and _is_off(s)]
     if not off:

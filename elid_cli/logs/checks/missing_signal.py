@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, first_of, nearest
-from elid_cli.logs.contract import RawLog
+from elid_cli.errors import LogError, first_of, in_words, nearest
+from elid_cli.logs.contract import Channel, RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import fits
-from elid_cli.logs.mapping.suggest import needed, proposal
+from elid_cli.logs.mapping.suggest import needed, proposal, untold
 from elid_cli.robot.robot import Robot
+from elid_cli.robot.yaml import inline, quoted
 
 MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
 LISTED = 8
@@ -51,6 +52,16 @@ class MissingSignal:
                 detail="tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff, gains in N·m/rad and N·m·s/rad at the joint",
                 hint=f"give the drive's own, such as {options}, or control: {{kp: 20, kd: 0.5}} {place}",
             )
+        lacked = untold(self.plan)
+        if lacked:
+            lines, _ = self._proposal(self._free(None), ("tau",), "tau")
+            place = " ".join(f"--map {shlex.quote(line)}" for line in lines)
+            place = place or "--map q_des=PLACE, or --map tau=PLACE"
+            raise LogError(
+                f"{self.name}: no torque, and no q_des to compute it from",
+                detail=f"{lacked}; {self._contents()}",
+                hint=f"elid info {self.name}, or map it: {place}",
+            )
         self.refuse("tau", self.robot.joint_names[0] if self.robot.n == 1 else "", "no torque")
 
     def _detail(self, signal: str, joint: str) -> str:
@@ -66,7 +77,10 @@ class MissingSignal:
         close = nearest(called, labels) if joint else None
         seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
         seen += f" (nearest: {close})" if close else ""
-        if called in labels or (labels and not joint):
+        twice = self._twice(placement)
+        if twice:
+            seen = f"which names {' '.join(twice)} more than once"
+        elif called in labels or (labels and not joint):
             seen = "which is empty, NaN or zero" + (" for it" if joint else " throughout")
         if called in labels and signal != "tau":
             seen = "which is empty, NaN or never changes for it"
@@ -80,6 +94,72 @@ class MissingSignal:
         """Return the name that a joint has in the log, by the mapping that places a signal."""
         named = placement.spec.joints if placement is not None else None
         return str(named.get(joint, joint)) if named else joint
+
+    def elsewhere(self, signal: str, joints: Sequence[str]) -> str:
+        """Return words that name another channel like a signal's own, which has joints that this one lacks."""
+        placement = self.plan.placements.get(signal)
+        picks = placement.picks if placement is not None and placement.spec.joints is None else ()
+        names, fields = set(self.robot.joint_names), {pick.field for pick in picks if pick.field}
+        kinds = {c.kind for c in self.raw.channels if c.source in {pick.source for pick in picks}}
+        for channel in self.raw.channels:
+            if channel.field in fields and channel.kind in kinds and set(joints) <= set(channel.labels) & names:
+                line = f"{signal}: {{from: {channel.source}, field: {channel.field}}}"
+                whole = names <= set(channel.labels)
+                paste = f"; if so, map it: {line}" if whole else ""
+                return f"; {channel.address} names {' '.join(joints)} as well{paste}"
+        return ""
+
+    def unheld(self, signal: str, joint: str) -> bool:
+        """Whether the log has a signal for other joints and no place of it for this one, without being told so."""
+        placement = self.plan.placements.get(signal)
+        if placement is None or placement.spec.value is not None or not placement.picks:
+            return False
+        spec, labels = placement.spec, self._labels(placement)
+        told = isinstance(spec.source, tuple) or (
+            spec.joints is not None and joint not in spec.joints and "{" not in placement.places
+        )
+        held = any(self.robot.joint_names.index(joint) in joints for joints in placement.joints)
+        named = not labels or self._called(placement, joint) in labels
+        return not told and not (held and named)
+
+    def partial(self, signal: str) -> Iterator[str]:
+        """Yield a sentence where the log has a signal for some joints only."""
+        lacking = [name for name in self.robot.joint_names if self.unheld(signal, name)]
+        if lacking:
+            place = self.plan.placements[signal].places
+            yield f"{signal} of {in_words(lacking)} is not in {place}{self.elsewhere(signal, lacking)}"
+
+    def refuse_unheld(self, signal: str, joint: str) -> None:
+        """Raise the LogError of a signal that the log has for other joints; its hint says how to do without it, too."""
+        placement = self.plan.placements[signal]
+        held = {j: pick.source for pick, own in zip(placement.picks, placement.joints, strict=True) for j in own}
+        names = self.robot.joint_names
+        if "{" in placement.places:
+            places = f"[{', '.join(quoted(held[j]) if j in held else 'null' for j in range(len(names)))}]"
+            line = f"from: {places}"
+        else:
+            labels = [name for name in names if self._called(placement, name) in self._labels(placement)]
+            named = ", ".join(f"{name}: {self._called(placement, name)}" for name in labels)
+            field = f", field: {placement.spec.field}" if placement.spec.field else ""
+            line = f"from: {placement.spec.source}{field}, joints: {{{named}}}"
+        kept = {key: value for key, value in (placement.spec.written or {}).items()}
+        line += "".join(f", {key}: {inline(v)}" for key, v in kept.items() if key not in ("from", "field", "joints"))
+        without = f"to do without: --map {shlex.quote(f'{signal}: {{{line}}}')}"
+        raise LogError(
+            f"{self.name}: no {MEANING[signal]} for {joint}",
+            detail=self._detail(signal, joint), hint=f"{self._hint(signal, joint)}; {without}",
+        )  # fmt: skip
+
+    def _close(self, placement: Placement | None, joint: str, labels: Sequence[str]) -> str | None:
+        """Return the name nearest to a joint's that no other joint of the robot has; None where none is near."""
+        others = {self._called(placement, name) for name in self.robot.joint_names if name != joint}
+        return nearest(self._called(placement, joint), [label for label in labels if label not in others])
+
+    def _twice(self, placement: Placement) -> list[str]:
+        """Return the joint names that a channel gives more than one column."""
+        sources = {pick.source for pick in placement.picks}
+        held = [channel.labels for channel in self.raw.channels if channel.source in sources]
+        return sorted({name for labels in held for name in labels if labels.count(name) > 1})
 
     def _labels(self, placement: Placement) -> list[str]:
         """Return the joint names that the log has where a signal is read from."""
@@ -103,7 +183,9 @@ class MissingSignal:
         placement = self.plan.placements.get(signal)
         labels = self._labels(placement) if placement is not None else []
         called = self._called(placement, joint)
-        close = nearest(called, labels) if joint and called not in labels else None
+        close = self._close(placement, joint, labels) if joint and called not in labels else None
+        if placement is not None and self._twice(placement):
+            return f"{before}{' '.join(f'--map {shlex.quote(line)}' for line in self._by_number())}"
         if placement is not None and close:
             spec = placement.spec
             # a pattern fills in what is not named here; of a topic, only the joints that are named are read
@@ -114,8 +196,7 @@ class MissingSignal:
             source = spec.source if isinstance(spec.source, str) else placement.places
             line = f'{signal}: {{from: "{source}"{field}, joints: {{{pairs}}}}}'
             return f"{before}--map {shlex.quote(line)}"
-        taken = {pick.source for pick in placement.picks} if placement is not None else set()
-        free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
+        free = self._free(placement)
         undefined = any("does not hold its definition" in c.kind for c in self.raw.channels)
         if undefined and not free and placement is None and not self.name.endswith(".mcap"):
             return (
@@ -125,9 +206,8 @@ class MissingSignal:
         units = getattr(self.raw, "units", {})
         wanted = (signal,) if placement is not None else needed(self.plan, self.robot, units)
         wanted = tuple(s for s in wanted if s != "t" or getattr(self.raw, "timeless", False))
-        works = partial(fits, self.raw.channels, self.robot)
-        lines, link = proposal(self.raw, self.robot, free, wanted, works)
-        fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines.splitlines())
+        lines, link = self._proposal(free, wanted, signal)
+        fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines)
         if link:
             return f"if it holds the joints that carry {link} alone, in their order: {fitting} --tip {link}"
         held = [label for channel in free for label in channel.labels]
@@ -137,6 +217,25 @@ class MissingSignal:
             return f"elid info {self.name} lists what it holds"
         example = signal if not (signal == "theta" and "q" in needed(self.plan, self.robot)) else "q"
         return before + (fitting or f"--map {example}=PLACE")
+
+    def _free(self, placement: Placement | None) -> list[Channel]:
+        """Return the channels that may hold what is missing: not those that a placement has."""
+        taken = {pick.source for pick in placement.picks} if placement is not None else set()
+        return [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
+
+    def _proposal(self, free: Sequence[Channel], wanted: Sequence[str], signal: str) -> tuple[list[str], str]:
+        """Return lines of a mapping for signals that have no place yet, and the link of a table's chain."""
+        lines, link = proposal(self.raw, self.robot, free, wanted, partial(fits, self.raw.channels, self.robot))
+        placed = set(self.plan.placements) - {signal}
+        return [line for line in lines.splitlines() if line.partition(":")[0] not in placed], link
+
+    def _by_number(self) -> Iterator[str]:
+        """Yield a line of a mapping for every signal whose channel names a joint twice: its columns by number."""
+        pairs = ", ".join(f"{name}: {k}" for k, name in enumerate(self.robot.joint_names))
+        for signal, placement in self.plan.placements.items():
+            if self._twice(placement) and isinstance(placement.spec.source, str):
+                field = f", field: {placement.spec.field}" if placement.spec.field else ""
+                yield f"{signal}: {{from: {placement.spec.source}{field}, joints: {{{pairs}}}}}"
 
 
 def _about(field: str) -> bool:

@@ -107,7 +107,8 @@ def _lacking(
     Raises
     ------
     LogError
-        If a link position is missing that the user has mapped; with `strict`, if anything is.
+        If a link position is missing that the user has mapped, or a torque that the log has of other joints; with
+        `strict`, if anything is.
     """
     warnings = []
     if unplaced.any():
@@ -115,12 +116,19 @@ def _lacking(
         if strict or "q" in fault.plan.unusable:
             fault.refuse("q", lacking[0], "no link position")
         counts = "its transmission counts" if len(lacking) == 1 else "their transmissions count"
-        warnings.append(f"{' '.join(lacking)}: no link position q: {counts} as rigid")
+        warnings.append(f"{' '.join(lacking)}: no link position q: {counts} as rigid{fault.elsewhere('q', lacking)}")
     if untorqued.any():
         lacking = [name for name, none in zip(robot.joint_names, untorqued, strict=True) if none]
         if strict:
             fault.refuse("tau", lacking[0], "no torque")
-        warnings.append(f"{' '.join(lacking)}: no torque tau: the motor side cannot be identified there")
+        for name in (name for name in lacking if fault.unheld("tau", name)):
+            fault.refuse_unheld("tau", name)
+        placement, whose = fault.plan.placements.get("tau"), "its motor" if len(lacking) == 1 else "their motors"
+        where = f" in {placement.places}" if placement is not None else ""
+        warnings.append(
+            f"{' '.join(lacking)}: no torque tau{where}: inertia and friction of {whose} cannot be identified, nor "
+            "what only motor torque shows"
+        )
     idle = [joint.name for joint in robot.joints if not joint.elastic and "K" in joint.parameters]
     if idle:
         warnings.append(f"{' '.join(idle)}: the robot file's K is not used: it declares the transmission rigid")

@@ -8,31 +8,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.coupled_motors import coupled_motors
-from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
+from elid_cli.logs.checks.encoder_pairs import IF_SO, Pair, as_yaml, plain, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.late_velocities import late_velocities
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.checks.required import Checked
+from elid_cli.logs.checks.spring_torques import Sprung, spring_suspicions
 from elid_cli.logs.checks.stops import at_stops
-from elid_cli.logs.checks.torque_scale import (
-    FOLLOWS,
-    WRONG_SCALE,
-    Slope,
-    correlation_of,
-    is_spring,
-    off,
-    scale_of,
-    spring_slope,
-)
-from elid_cli.logs.mapping.language import UNIT_WORDS
+from elid_cli.logs.mapping.language import POSITIONS, TORQUES, UNIT_WORDS, VELOCITIES
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.suggest import TOLD, words_of
 from elid_cli.logs.repair.align import Aligned
@@ -42,7 +33,7 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import joints_computed
 
 LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
-SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFORTS, "tau_link": EFFORTS}
+SI = dict.fromkeys(POSITIONS, LENGTHS) | dict.fromkeys(VELOCITIES, RATES) | dict.fromkeys(TORQUES, EFFORTS)
 """Units, as `plain` writes them, that need no mapping."""
 NOT_TORQUE = "which is no torque"
 """What is said of a torque that is in no unit of torque."""
@@ -54,10 +45,6 @@ NO_TORQUE = {"A": "A", "mA": "A", "V": "V"} | dict.fromkeys(
 """Units of what stands for a torque -> what its values then are in."""
 SAMPLES = 50_000
 """Samples that are looked at (evenly taken)."""
-EXACTLY = 1e-3
-"""Share of tau that is not proportional to the deflection below which tau is no motor torque."""
-SOFTEST = 0.5
-"""Slope of theta over q below which, and over whose inverse, no spring is looked for."""
 FAR = 40.0
 """rad or m: robots' joints rarely turn more than six times, and slides are shorter."""
 STALE = 0.5
@@ -82,40 +69,27 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
     found.extend(_far(sides, robot))
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
-    found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
+    q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
+    pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
+    compared = [pair for pair in pairs if pair is not None]
+    if not any(pair.opposite for pair in compared):  # else the torques would be blamed for the positions
+        found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
         found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
         found.extend(at_stops(shown, sides, robot))
-    q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
-    pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
-    tau: Array | None = None
-    compared = [pair for pair in pairs if pair is not None]
     swapped = swap(q, theta, compared, robot)
     if swapped:
         return [*found, swapped]
     found.extend(coupled_motors(q, theta, compared, robot))
-    if len(compared) > 1:
-        tau = _thinned(checked.tau, step)
-        found.extend(_swapped_torques(theta - q, tau, compared, robot))
-    scales: dict[int, float] = {}
-    for pair in compared:
-        tau = _thinned(checked.tau, step) if tau is None else tau
-        stiffness = robot.joints[pair.j].parameters.get("K", 0.0)
-        load = float(np.nanmean(tau[:, pair.j])) if np.isfinite(tau[:, pair.j]).any() else 0.0
-        deflection = theta[:, pair.j] - q[:, pair.j]
+    if compared:
+        sensed = checked.optional.get("tau_link")
         inner = slice(-(-start // step), -(-stop // step))  # differences across a gap are no motion
-        own = Slope()
-        if robot.joints[pair.j].elastic and SOFTEST < pair.slope < 1 / SOFTEST:
-            own = spring_slope(theta[inner, pair.j], deflection[inner], tau[inner, pair.j], aligned.dt * step)
-        bent = load / stiffness if stiffness > 0 else 0.0
-        found.extend(pair.sentences(plan, bent, sprung=is_spring(deflection, tau[:, pair.j], own, stiffness)))
-        if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
-            found.extend(_directions(pair, deflection, tau[:, pair.j], plan))
-            scales[pair.j] = scale_of(deflection, tau[:, pair.j], own, robot.joints[pair.j].parameters.get("K"))
-    right = any(abs(math.log(scale)) <= math.log(WRONG_SCALE) for scale in scales.values() if scale > 0)
-    for pair in compared:
-        found.extend(_scale(pair, scales.get(pair.j, math.nan), robot, plan, alone=right))
+        sprung = Sprung(
+            q, theta, _thinned(checked.tau, step), None if sensed is None else _thinned(sensed, step),
+            inner, aligned.dt * step, computed,
+        )  # fmt: skip
+        found.extend(spring_suspicions(sprung, compared, robot, plan))
     return found
 
 
@@ -196,18 +170,48 @@ def told_torques(plan: ReadPlan) -> Iterator[str]:
         )
 
 
-def written_units(units: Mapping[str, str], plan: ReadPlan) -> Iterator[str]:
+def written_units(units: Mapping[str, str], plan: ReadPlan, names: Sequence[str]) -> Iterator[str]:
     """Name signals whose columns are written to be in another unit than they are taken to be in."""
     for signal, placement in plan.placements.items():
         usual = SI.get(signal)
         found = [units[pick.source] for pick in placement.picks if pick.source in units]
         odd = next((unit for unit in found if usual and plain(unit) not in usual), None)
         if odd is not None and not placement.spec.unit:
-            known = UNIT_WORDS.get(plain(odd))
-            alike = known and len(set(found)) == 1
-            paste = f"; {proposed(plan, signal, f'unit: {as_yaml(known)}')}" if known and alike else ""
+            known, line = UNIT_WORDS.get(plain(odd)), _unit_key(units, plan, signal, names)
+            paste = f"; {proposed(plan, signal, line)}" if line else ""
             bare = f", {NOT_TORQUE}" if signal == "tau" and known in NO_TORQUE else ""
             yield f"{signal} is in {odd!r} by its header {AS_IT_IS}{bare}{paste}"
+
+
+def unit_lines(units: Mapping[str, str], plan: ReadPlan, names: Sequence[str]) -> list[str]:
+    """Return lines of a mapping with the units that the header writes, of signals that would be taken to be in others.
+
+    Parameters
+    ----------
+    units
+        By column, as the header has them.
+    plan
+        Where signals are read from.
+    names
+        The robot's joints.
+    """
+    keys = {signal: _unit_key(units, plan, signal, names) for signal in plan.placements}
+    return [proposed(plan, signal, key).removeprefix(IF_SO) for signal, key in keys.items() if key]
+
+
+def _unit_key(units: Mapping[str, str], plan: ReadPlan, signal: str, names: Sequence[str]) -> str:
+    """Return the key of a mapping that says the units of a signal's columns; empty: none is known, or it is SI."""
+    placement, usual = plan.placements[signal], SI.get(signal)
+    written = {
+        j: units.get(p.source, "") for p, own in zip(placement.picks, placement.joints, strict=True) for j in own
+    }
+    odd = {j: unit for j, unit in written.items() if usual and unit and plain(unit) not in usual}
+    if not odd or placement.spec.unit or any(plain(unit) not in UNIT_WORDS for unit in odd.values()):
+        return ""
+    known = {names[j]: as_yaml(UNIT_WORDS[plain(unit)]) for j, unit in sorted(odd.items())}
+    if len(odd) == len(written) and len(set(known.values())) == 1:
+        return f"unit: {next(iter(known.values()))}"
+    return f"unit: {{{', '.join(f'{name}: {unit}' for name, unit in known.items())}}}"
 
 
 def _thinned(values: Array, step: int) -> Array:
@@ -217,66 +221,6 @@ def _thinned(values: Array, step: int) -> Array:
     thinned = values[::step].copy()
     let_go(values)
     return thinned
-
-
-def _directions(pair: Pair, deflection: Array, tau: Array, plan: ReadPlan) -> Iterator[str]:
-    """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction."""
-    correlation = correlation_of(deflection, tau)
-    if correlation < -FOLLOWS:
-        yield (
-            f"{pair.name}: tau has the opposite sign of the deflection theta - q: its sign is wrong, or q and "
-            f"theta are swapped; {proposed(plan, 'tau', 'sign: -1')}"
-        )
-    elif correlation**2 > 1 - EXACTLY**2:
-        yield (
-            f"{pair.name}: tau follows the deflection without any friction or inertia: it looks like the torque "
-            "in the transmission (tau_link), not the motor's"
-        )
-
-
-def _scale(pair: Pair, ratio: float, robot: Robot, plan: ReadPlan, *, alone: bool) -> Iterator[str]:
-    """Name a torque that is in another unit; with `alone` other joints' are not, and its mapping scales it alone."""
-    if not off(ratio):
-        return
-    stiffness = robot.joints[pair.j].parameters["K"]
-    why = f"it is {ratio:.3g} times K (theta - q) with K = {stiffness:g} of the robot file"
-    shaft = abs(math.log(pair.gear)) > math.log(WRONG_SCALE) if pair.gear > 0 else False
-    if shaft and abs(ratio * pair.gear - 1) < 0.3:
-        what, key, factor = "the motor's shaft torque", "side: motor", pair.gear
-    elif abs(ratio / 1000 - 1) < 0.3:
-        what, key, factor = "mN·m", "unit: mN.m", 1e-3
-    else:
-        what, factor = "a current or another unit (or the positions are in one)", 1 / ratio
-        key = f"unit: A, scale: {{{pair.name}: {factor:.4g}}}"
-    if alone:
-        key = _rescaled(plan, pair, factor, robot)
-    yield f"{pair.name}: tau looks like {what}, {why}; {proposed(plan, 'tau', key)}"
-
-
-def _rescaled(plan: ReadPlan, pair: Pair, factor: float, robot: Robot) -> str:
-    """Return the keys that scale one joint's torque by a factor and leave the others as they are mapped."""
-    spec = plan.placements["tau"].spec
-    given = np.broadcast_to(spec.scale, robot.n) * np.where(np.arange(robot.n) == pair.j, factor, 1.0)
-    scale = ", ".join(f"{n}: {v:.4g}" for n, v in zip(robot.joint_names, given, strict=True) if v != 1.0)
-    kept = [f"unit: {spec.unit}"] if isinstance(spec.unit, str) and spec.unit else []
-    return ", ".join([*kept, *(["side: motor"] if spec.motor_side else []), f"scale: {{{scale}}}"])
-
-
-def _swapped_torques(deflection: Array, tau: Array, pairs: list[Pair], robot: Robot) -> Iterator[str]:
-    """Name pairs of elastic joints whose torques fit each other's deflection far better than their own."""
-    joints = [p.j for p in pairs if robot.joints[p.j].elastic and np.isfinite(tau[:, p.j]).all() and tau[:, p.j].std()]
-    joints = [j for j in joints if deflection[:, j].std() > 0]
-    if len(joints) < 2:
-        return
-    table = np.abs(np.corrcoef(deflection[:, joints].T, tau[:, joints].T)[: len(joints), len(joints) :])
-    for a in range(len(joints)):
-        for b in range(a + 1, len(joints)):
-            if max(table[a, a], table[b, b]) < UNLIKE and min(table[a, b], table[b, a]) > FOLLOWS:
-                one, two = robot.joint_names[joints[a]], robot.joint_names[joints[b]]
-                yield (
-                    f"tau of {one} and {two} look swapped: each follows the other's deflection; "
-                    f"if so, map it with joints: {{{one}: {two}, {two}: {one}}}"
-                )
 
 
 def _wraps(q: Array, theta: Array, robot: Robot, plan: ReadPlan) -> Iterator[str]:

@@ -17,6 +17,8 @@ from elid_cli.logs.mcap.container import Container, Messages
 from elid_cli.logs.source import Source
 
 SQLITE = b"SQLite format 3\x00"
+STEP = 1 << 24
+"""Bytes that are decompressed at a time where their number is not known."""
 LONGEST = 256 << 20
 """Bytes of one message."""
 INSTRUCTIONS = 10_000
@@ -100,7 +102,14 @@ def _unzstd(data: bytes, budget: Budget) -> bytes:
     try:
         size = zstandard.frame_content_size(data)
         budget.take(max(size, 0))
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        if size >= 0:
+            return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        parts = []
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:  # its size is not told: bit by bit
+            while part := reader.read(STEP):
+                budget.take(len(part))
+                parts.append(part)
+        return b"".join(parts)
     except zstandard.ZstdError as error:
         raise LogError("rosbag2: damaged zstd data", detail=str(error).lower()) from error
 
@@ -161,10 +170,22 @@ def open_bags(name: str, files: Sequence[Source], missing: Sequence[str] = ()) -
     return [Db3Log(name, files, missing)]
 
 
+def _recognise(source: Source) -> bool:
+    if not source.head.startswith(ZSTD_MAGIC):
+        return source.head.startswith(SQLITE)
+    import zstandard
+
+    with source.stream() as stream, zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
+        try:
+            return bool(reader.read(len(SQLITE)) == SQLITE)
+        except zstandard.ZstdError:
+            return False
+
+
 FORMAT = LogFormat(
     name="rosbag2 SQLite",
     suffixes=(".db3",),
-    recognise=lambda source: source.head.startswith(SQLITE),
+    recognise=_recognise,
     open=lambda source: open_bags(source.name, [source]),
     priority=10,
 )

@@ -14,7 +14,7 @@ KINDS: tuple[tuple[bytes, str, str], ...] = (
     (b"ULog\x01\x12\x35", "a PX4 ULog", "ulog2csv {name}"),
     (b"BZh", "bzip2 data", "bunzip2 {name}"),
     (b"\xfd7zXZ\x00", "xz data", "unxz {name}"),
-    (b"\x28\xb5\x2f\xfd", "zstd data that hold no MCAP file", "unzstd {name}"),
+    (b"\x28\xb5\x2f\xfd", "zstd data that hold neither an MCAP file nor an SQLite bag", "unzstd {name}"),
 )
 
 

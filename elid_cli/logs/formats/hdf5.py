@@ -17,7 +17,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.budget import MOST_AT_ONCE
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, first_of
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.formats.hdf5_contents import LARGE, TIGHT, contents
 from elid_cli.logs.mapping.language import GAINS, SIGNALS
@@ -29,6 +29,8 @@ from elid_cli.signals.recording import Recording
 MAGIC = b"\x89HDF\r\n\x1a\n"
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
 EPISODE = re.compile(r"(episode|demo|traj|trajectory|run|trial)[_-]?\d+$", re.IGNORECASE)
+MOST_NAMED = 8
+"""Names that a sentence lists."""
 DENSEST = 1100
 """Bytes in memory per byte in the file; deflate cannot pack numbers tighter."""
 
@@ -122,6 +124,11 @@ class Hdf5Log:
         rows, width = self._shape(dataset)
         own = _names(dataset.attrs.get("joint_names"))
         chosen = next((names for names in (own, labels) if len(names) == width and width > 1), ())
+        unfit = own or labels
+        if unfit and not chosen and width > 1 and path.rpartition("/")[2] in SIGNALS:
+            names, values = (f"{n} {word}{'s' * (n > 1)}" for n, word in ((len(unfit), "name"), (width, "column")))
+            said = f"joint_names holds {names} ({first_of(unfit, MOST_NAMED)}) and {path} {values}: not used"
+            self.losses.append(said)
         if len(own) == 1 and width == 1:
             chosen = own
         return Channel(path, width=width, labels=chosen, rows=rows, kind=f"{dataset.dtype} dataset")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 
 from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel
@@ -23,11 +23,11 @@ DEFAULT_FIELDS |= {signal: f"linear_acceleration.{signal[-1]}" for signal in ACC
 def find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool) -> Channel | str:
     """Return the channel that `source` and the mapping's field name, or why there is none."""
     field = spec.field
-    found = by_source.get(source) or by_source.get(re.sub(r"\s*[\[(][^\[\]()]*[A-Za-zµ°%][^\[\]()]*[\])]$", "", source))
+    found = by_source.get(as_held(source, by_source))
     if found is None and not field:  # the short form /topic.field
         for cut in (i for i, letter in enumerate(source) if letter == "."):
-            if source[:cut] in by_source:
-                found, field = by_source[source[:cut]], source[cut + 1 :]
+            if (topic := rooted(source[:cut], by_source)) in by_source:
+                found, field = by_source[topic], source[cut + 1 :]
                 break
     if found is None:
         like = nearest(source, by_source) if near else None
@@ -43,6 +43,18 @@ def find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]
     only = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"
     like = nearest(wanted, named) if near else None
     return f"{found[0].source} has no field {wanted!r}, {only}" + (f" (nearest: {like!r})" if like else "")
+
+
+def rooted(source: str, by_source: Container[str]) -> str:
+    """Return a dataset's path or a topic with its first slash, which may be left out, where the log has it so."""
+    return f"/{source}" if source not in by_source and f"/{source}" in by_source else source
+
+
+def as_held(source: str, by_source: Container[str]) -> str:
+    """Return the name of a channel as the log has it: with the first slash, without a unit in brackets."""
+    if (found := rooted(source, by_source)) in by_source:
+        return found
+    return re.sub(r"\s*[\[(][^\[\]()]*[A-Za-zµ°%][^\[\]()]*[\])]$", "", source)
 
 
 def _usual_field(signal: str, fields: Sequence[str]) -> str | None:

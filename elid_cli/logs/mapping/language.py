@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError, did_you_mean
+from elid_cli.errors import UsageError, did_you_mean, written_at
 from elid_cli.logs.mapping.left_out import KEY as LEFT_OUT
 from elid_cli.logs.mapping.left_out import parse_left_out
 from elid_cli.logs.mapping.long_table import KEY as LONG
@@ -128,29 +128,30 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
     Raises
     ------
     UsageError
-        Naming `where`, the signal and the key, with the nearest valid name.
+        Naming file and line, or `where` if they are not known, the signal and the key, with the nearest valid name.
     """
     if not isinstance(raw, Mapping):
         raise UsageError(f"{where}: a mapping is signals with their places", hint="q: {from: /arm/joint_states}")
     signals: SignalMaps = {}
     time: TimeMap | None = None
     for name, spec in raw.items():
+        at = written_at(name, where)
         if name == LONG:
-            parse_long(spec, where)
+            parse_long(spec, at)
             continue
         if name == LEFT_OUT:
             if where != "--map":
-                raise UsageError(f"{where}: {LEFT_OUT} is of one log, not of a robot", hint="--leave-out START:STOP")
-            parse_left_out(spec, where)
+                raise UsageError(f"{at}: {LEFT_OUT} is of one log, not of a robot", hint="--leave-out START:STOP")
+            parse_left_out(spec, at)
             continue
-        entry = _entry(name, spec, where)
+        entry = _entry(name, spec, at)
         if name == "t":
-            time = _time(entry, where)
+            time = _time(entry, at)
         elif set(entry) <= {"from", "field"} and all(isinstance(value, str) for value in entry.values()):
             signals[str(name)] = _named(str(name), tuple(entry.items()))
         else:
             option = f"--{name}" if name in GAINS and set(entry) == {"value"} and where == "--map" else ""
-            signals[str(name)] = _signal(str(name), entry, robot, option or f"{where}: {name}")
+            signals[str(name)] = _signal(str(name), entry, robot, option or f"{at}: {name}")
     return signals, time
 
 
@@ -172,6 +173,7 @@ def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:
         raise UsageError(f"{where}: {name}: expected {{from: …}}", detail=f"found {spec!r:.60}")
     for key in spec:
         if key not in KEYS:
+            where = written_at(key, where)
             raise UsageError(f"{where}: {name}: unknown key {key!r}", hint=did_you_mean(str(key), KEYS))
     if "from" not in spec and "value" not in spec and not (name == "t" and "field" in spec):
         raise UsageError(f"{where}: {name}: no 'from'", hint="from: column pattern, dataset path or topic")

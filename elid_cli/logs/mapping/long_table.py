@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from elid_cli.errors import LogError, UsageError, did_you_mean
+from elid_cli.errors import LogError, UsageError, did_you_mean, written_at
 from elid_cli.logs.contract import RawLog
 
 KEY = "long"
@@ -72,7 +72,8 @@ def reshaped(raw: RawLog, mapping: Mapping[str, Any] | None, robot_log: Mapping[
     """
     for where, given in (("--map", mapping), ("the robot's log block", robot_log)):
         if given and KEY in given:
-            table = parse_long(given[KEY], where)
+            place = next((written_at(key, where) for key in given if key == KEY), where)
+            table = parse_long(given[KEY], place)
             if isinstance(raw, Table):
                 return raw.in_long_form(table)
             if given is mapping:

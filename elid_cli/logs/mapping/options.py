@@ -24,14 +24,17 @@ def read_map_options(options: Sequence[str]) -> dict[str, Any]:
     for option in options:
         signal, equals, place = option.partition("=")
         line = _line_of(option)
+        found: Mapping[str, Any]
         if line is not None:
-            merged.update(line)
+            found = line
         elif equals and (signal in SIGNALS or signal == "t" or not Path(option).exists()):
             if signal not in (*SIGNALS, "t"):
                 raise UsageError(f"--map: unknown signal {signal!r}", hint=did_you_mean(signal, ("t", *SIGNALS)))
-            merged[signal] = {"from": place}
+            found = {signal: {"from": place}}
         else:
-            merged.update(_read_map_file(option))
+            found = _read_map_file(option)
+        # a key that is replaced would keep its old place
+        merged = {key: entry for key, entry in merged.items() if key not in found} | dict(found)
     return merged
 
 
@@ -65,7 +68,7 @@ def _read_map_file(name: str) -> dict[str, Any]:
         error.hint = error.hint or "--map map.yaml, or --map tau=/arm/motors.current"
         raise
     try:
-        raw = parse_yaml(text, name, UsageError).plain()
+        raw = parse_yaml(text, name, UsageError).plain(placed=True)
     except UsageError as error:
         error.hint = error.hint or 'quote patterns: "q.{joint}"'
         raise

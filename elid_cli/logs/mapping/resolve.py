@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from elid_cli.errors import UsageError, first_of, nearest
 from elid_cli.logs.contract import Channel, Pick
-from elid_cli.logs.mapping.find import ABSENT, LISTED, find
+from elid_cli.logs.mapping.find import ABSENT, LISTED, find, rooted
 from elid_cli.logs.mapping.language import SIGNALS, SignalMap, TimeMap, parse_mapping
 from elid_cli.logs.mapping.plan import Layer, Placement, ReadPlan
 from elid_cli.robot.robot import Robot
@@ -192,7 +192,7 @@ def _place_each(
         joints.append((j,))
     if not picks:
         return reason or "no column is named"
-    pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
+    pattern = spec.source if isinstance(spec.source, str) else ", ".join(place for place in spec.source if place)
     pattern += f".{spec.field}" if spec.field else ""
     unnamed = ("{i0}" in pattern and robot.n > 1 and spec.joints is None) or left
     return Placement(spec, tuple(picks), tuple(joints), pattern, unnamed=unnamed, left=left)
@@ -219,7 +219,7 @@ def _numbers(spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot:
 def _stamps(spec: SignalMap, channel: Channel, by_source: Mapping[str, Sequence[Channel]], time: TimeMap | None) -> str:
     """Return the column, dataset or message field with a channel's stamps; empty: the log's own."""
     if not channel.field:
-        return spec.time or (time.source if time else "")
+        return rooted(spec.time, by_source) or (time.source if time else "")
     wanted = spec.time or (time.field or time.source if time else "")
     return wanted if any(other.field == wanted for other in by_source[channel.source]) else ""
 
@@ -281,9 +281,11 @@ def _place_time(
             continue
         wanted = layer.time.field or layer.time.source
         in_messages = any(channel.field == wanted for found in by_source.values() for channel in found)
-        if layer.time.source in by_source or in_messages:
-            own = layer.time.source.lstrip("/") in ("t", "")
-            return layer.time, unfit, [] if own or not layer.canonical else [f"time is taken from {layer.time.source}"]
+        source = rooted(layer.time.source, by_source)
+        if source in by_source or in_messages:
+            own = source.lstrip("/") in ("t", "")
+            said = [] if own or not layer.canonical else [f"time is taken from {source}"]
+            return replace(layer.time, source=source), unfit, said
         if not layer.canonical:
             near = nearest(layer.time.source, by_source)
             unfit.append(f"{layer.where}: t: the log has no {wanted!r}" + (f" (nearest: {near!r})" if near else ""))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel, RawLog
-from elid_cli.logs.mapping.language import UNIT_WORDS
+from elid_cli.logs.mapping.language import COMMANDS, GAINS, UNIT_WORDS
 from elid_cli.logs.mapping.nameless import BLOCKS, NamelessTable, proposed
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.robot import Robot
@@ -90,6 +90,16 @@ def needed(plan: ReadPlan, robot: Robot, units: Mapping[str, str] | None = None)
     return (*lacking, *(() if placed & {"tau", "tau_link", "q_des"} else ("tau",)))
 
 
+def untold(plan: ReadPlan) -> str:
+    """Return what a log without torque has of commands where it lacks their positions, in words; else nothing."""
+    placed = plan.placements
+    told = [signal for signal in (*COMMANDS, *GAINS) if signal in placed]
+    if "q_des" in placed or {"tau", "tau_link"} & set(placed) or not told:
+        return ""
+    reason = plan.reasons.get("q_des", "")
+    return f"of commands it has {' '.join(dict.fromkeys(told))} and no q_des{f' ({reason})' if reason else ''}"
+
+
 def proposal(
     raw: RawLog, robot: Robot, channels: Sequence[Channel], signals: Sequence[str], works: Callable[[str], bool]
 ) -> tuple[str, str]:
@@ -135,7 +145,8 @@ def suggestion(
     order = {signal: k for k, signal in enumerate(signals)}
     lines.sort(key=lambda line: order[line.partition(":")[0]])
     if "tau" in set(signals) - found and (lines or "q" not in signals):  # of commands a torque can be computed
-        lines += _fitting(places, tuple(COMMANDED), works, taken)
+        told = list(_fitting(places, tuple(COMMANDED), works, taken))
+        lines += told if any(line.startswith("q_des:") for line in told) else []  # a rate alone makes no torque
     return "\n".join(lines)
 
 
@@ -156,6 +167,7 @@ def _fitting(
 def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[str, str]) -> Iterator[_Place]:
     """Yield channels with one place per family of columns: ``theta1_rad theta2_rad`` become ``theta{i}_rad``."""
     done: set[tuple[str, str]] = set()
+    names: Sequence[str | None] = ()
     for channel in channels:
         if (channel.source, channel.field) in done or not channel.width:
             continue
@@ -170,9 +182,7 @@ def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[s
                 )
             yield _Place(Channel(family[0], channel.field, 1, kind=channel.kind), source, named, unit)
         elif channel.labels and joints and not set(joints) <= set(channel.labels):
-            names = [nearest(joint, channel.labels) for joint in joints]
-            if None in names or len(set(names)) < len(names):
-                names = list(channel.labels[: len(joints)])
+            names = _called(joints, channel.labels, names)
             yield _Place(channel, _quoted(channel.source), _pairs(joints, names), unit)
         elif (
             len(joints) > 1 and not channel.labels and channel.width % len(joints) == 0 and channel.width > len(joints)
@@ -184,6 +194,23 @@ def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[s
                 yield _Place(channel, _quoted(channel.source), pairs, unit, signal)
         else:
             yield _Place(channel, _quoted(channel.source), "", unit)
+
+
+def _called(joints: Sequence[str], labels: Sequence[str], before: Sequence[str | None]) -> list[str | None]:
+    """Return what a channel calls each joint, None where it has none left for it; no two joints share a name.
+
+    `before` is what another channel calls them, empty for the first: a joint is the same one in all of them.
+    """
+    labels = list(dict.fromkeys(labels))
+    wanted = [name or joint for name, joint in zip(before or joints, joints, strict=True)]
+    own = [name if name in labels else None for name in wanted]
+    if before and any(own):
+        return own
+    left = [name for name in labels if name not in own]
+    close = [name or nearest(like, left) for name, like in zip(own, wanted, strict=True)]
+    if None not in close and len(set(close)) == len(close):
+        return close
+    return [name or (left.pop(0) if left else None) for name in own]
 
 
 def _family(channel: Channel, channels: Sequence[Channel], joints: Sequence[str]) -> tuple[list[str], str, str]:
@@ -237,7 +264,8 @@ def _peers(source: str, names: Sequence[str], joints: Sequence[str]) -> tuple[li
 
 
 def _pairs(joints: Sequence[str], names: Sequence[object]) -> str:
-    return ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False))
+    """Return the `joints` of a mapping; those without a name are left out."""
+    return ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False) if name is not None)
 
 
 def words_of(text: str) -> list[str]:

@@ -32,8 +32,11 @@ def in_seconds(
     rate: float | None = None,
     name: str = "log",
     notes: list[str],
+    repairs: list[str] | None = None,
 ) -> list[Array]:
     """Return every stream's stamps in s from one common origin; streams sampled together share one array.
+
+    What was decided goes to `notes`, what was mended to `repairs` (None: to the notes).
 
     Raises
     ------
@@ -55,11 +58,23 @@ def in_seconds(
         notes.append(f"the log has no time: {rate:g} Hz as given")
         return [np.arange(stream.values.shape[0]) / rate for stream in streams]
     unique: dict[int, NDArray[Any]] = {}
+    lost: dict[int, NDArray[np.bool_]] = {}
+    zeros = 0
     for stream in streams:
         key = id(stream.clocks[clock])
         if key not in unique:
-            unique[key] = _mended(stream.clocks, clock)
+            unique[key] = stream.clocks[clock]
+            if clock == "header stamp":
+                unique[key], lost[key] = _mended(unique[key], stream.clocks["log time"])
+                told = np.isfinite(stream.values[unique[key] != stream.clocks[clock]]).any(axis=1)
+                zeros = max(zeros, int(np.count_nonzero(told)))
+    if zeros:
+        (notes if repairs is None else repairs).append(
+            f"{zeros} header stamp{'s are' if zeros > 1 else ' is'} zero: taken by the log time"
+        )
     seconds = _from_origin(unique, factor, notes, name, another_clock(streams, source))
+    for key, without in lost.items():
+        seconds[key][without] = np.nan
     return [seconds[id(stream.clocks[clock])] for stream in streams]
 
 
@@ -109,23 +124,37 @@ def _unusable(stamps: NDArray[np.int64]) -> str:
     return ""
 
 
-def _mended(clocks: Mapping[str, NDArray[Any]], clock: str) -> NDArray[Any]:
-    """Return the stamps with single zero ones replaced by the log time where that is the same clock."""
-    stamps = clocks[clock]
-    if clock != "header stamp":
-        return stamps
-    if np.count_nonzero(stamps) in (0, stamps.size):  # one message alone may have a stamp of zero
-        return stamps
+def _mended(stamps: NDArray[np.int64], logged: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return header stamps in which single zero ones follow the log time, and which have none and so are any number.
+
+    The two clocks may be apart and drift: a stamp lies between its neighbours as its log time does between theirs.
+    """
     zero = stamps == 0
-    logged = clocks["log time"]
-    known = stamps[~zero]
-    span = int(known.max() - known.min()) + 10**9
-    near = np.abs(logged[zero].astype(float) - known.mean()) < 2 * span
-    if known.min() < span:  # a clock that starts at zero, as simulators' do
-        return stamps
-    mended = stamps.astype(float)
-    mended[zero] = np.where(near, logged[zero], np.nan)
-    return mended
+    nothing = np.zeros(stamps.size, dtype=bool)
+    if np.count_nonzero(zero) in (0, stamps.size):  # one message alone may have a stamp of zero
+        return stamps, nothing
+    known = np.flatnonzero(~zero)
+    span = int(stamps[known].max()) - int(stamps[known].min()) + 10**9
+    if stamps[known].min() < span:  # a clock that starts at zero, as simulators' do: only amid its run is zero wrong
+        after = np.searchsorted(known, np.arange(stamps.size))
+        before, behind = stamps[known[np.maximum(after - 1, 0)]], stamps[known[np.minimum(after, known.size - 1)]]
+        zero &= (after > 0) & (after < known.size) & (before < behind)
+    if not zero.any():
+        return stamps, nothing
+    mended = stamps.copy()
+    if _unusable(logged):
+        mended[zero] = stamps[known[0]]
+        return mended, zero
+    order = known[np.argsort(logged[known], kind="stable")]
+    apart = stamps[order] - logged[order]
+    first, start = int(apart[0]), int(logged.min())  # what is left of them floats hold exactly
+    there = np.interp(
+        (logged[zero] - start).astype(float), (logged[order] - start).astype(float), (apart - first).astype(float)
+    )
+    mended[zero] = logged[zero] + first + np.rint(there).astype(np.int64)
+    nothing[zero] = np.abs(mended[zero] - float(stamps[known].mean())) > 2 * span  # no log time either
+    mended[nothing] = stamps[known[0]]
+    return mended, nothing
 
 
 def _from_origin(

@@ -64,9 +64,10 @@ def log_sections(info: LogInfo, number: int = 0) -> list[Section]:
         _channels(info, f"channels{suffix}"),
     ]
     if info.mapping:
-        what = ", ".join(info.missing) or "the signals"
+        what = f"{', '.join(info.missing)} cannot be placed by name; a guess for --map, to be checked:"
+        units = "units that its header names are not taken unless --map says so:"
         sections += [
-            Text(f"suggested{suffix}", f"{what} cannot be placed by name; a guess for --map, to be checked:"),
+            Text(f"suggested{suffix}", what if info.missing else units),
             Text(f"mapping{suffix}", info.mapping.rstrip("\n"), "code"),
         ]
         if "\nq_des:" in f"\n{info.mapping}":
@@ -82,7 +83,8 @@ def _answer(info: LogInfo) -> str:
     size += "" if rate is None else f" at {number_text(rate)} Hz"
     many = f"{len(info.joints)} joint{'s' * (len(info.joints) != 1)}"
     if not info.missing:
-        return f"This log can be used: it has {listed(list(info.taken))} of {many}{size}."
+        units = ", with the mapping below, which says its units" if info.mapping else ""
+        return f"This log can be used{units}: it has {listed(list(info.taken))} of {many}{size}."
     how = "a guess is below" if info.mapping else "--map can say where that is"
     return f"Not found in this log of {many}{size}: {listed(list(info.missing))}; {how}."
 
@@ -135,7 +137,7 @@ def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str], writ
         return shlex.join(["elid", "info", *files, *named, "--tip", link, *given])
     if missing - {"t"} and not any(info.mapping or info.resolved for info in infos):
         return ""
-    if missing & guessed or missing - {"t"}:
+    if guessed or missing - {"t"}:
         name = next(name for k in range(len(maps) + 1) if (name := f"map{k or ''}.yaml") not in maps)
         own = ["--robot", robot] if robot else []
         return shlex.join(["elid", "info", *files, *own, *given, "--write-map", name])

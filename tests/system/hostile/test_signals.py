@@ -144,9 +144,7 @@ def test_units_are_noticed_and_the_mapping_mends_them(tmp_path: Path, name: str)
 
 def test_a_constant_offset_is_noticed(tmp_path: Path) -> None:
     shifted = table().with_column("theta.joint1", lambda v: v + 0.5)
-    warned(
-        saved(tmp_path, shifted.text()), "joint1: theta is +0.53", "away from q throughout", "offset: {joint1: -0.53"
-    )
+    warned(saved(tmp_path, shifted.text()), "joint1: theta is +0.53", "away from q throughout", "offset: {joint1: -0.5")
 
 
 def test_currents_are_noticed(tmp_path: Path) -> None:
