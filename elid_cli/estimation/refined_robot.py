@@ -10,7 +10,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import in_words
-from elid_cli.estimation.result import Identification
+from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency
@@ -18,6 +18,9 @@ from elid_cli.model.effects.tilt import levelled
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import POSITIVE, StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
+
+SHOWN = 2.0
+"""Standard errors by which a fault of a channel must differ from 0 to be written."""
 
 
 def representative(base: BaseParameters, estimate: Array, reference: Array) -> Array:
@@ -50,12 +53,18 @@ def identified_robot(found: Identification) -> Robot:
     near = found.standard if found.estimator == "trajectory" else found.robot.reference()
     standard = representative(found.base, possible_values(found), near)
     more: dict[tuple[str, str | None], EffectSpec]
-    more = {(n.effect, n.joint): EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances}
+    more = {(n.effect, n.joint): EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances if _is_shown(n)}
     own = (EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects)
     new = [*(_together(spec, more.pop((spec.effect, spec.joint), None)) for spec in own), *more.values()]
     replaced = {(spec.effect, spec.joint) for spec in new}
     kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
     return refined_robot(found.robot, standard, (*kept, *new), _unknown(found))
+
+
+def _is_shown(nuisance: Nuisance) -> bool:
+    """Whether a nuisance differs from 0: where one channel is late, delays of all are estimated, whatever they are."""
+    errors = nuisance.std_error
+    return any(abs(value) > SHOWN * errors.get(name, 0.0) for name, value in nuisance.parameters.items())
 
 
 def _together(declared: EffectSpec, beyond: EffectSpec | None) -> EffectSpec:
