@@ -25,9 +25,11 @@ from elid_cli.signals.signals import Signals, prepare
 STAIRS = 0.4
 """Part of the torques' error that the stairs of held commands are beyond a delay, from which the motion is asked."""
 AHEAD = 0.25
-"""Part of a sample by which the motion must seem ahead of held commands: half of one where they change all the time."""
+"""Part of a sample by which the torque must seem ahead of held commands where no motion can be simulated: half of one
+where they change all the time."""
 EARLIEST = 0.1
-"""The same by which it may seem ahead of smooth ones: drives that are told often act late by half of their own time."""
+"""The same by which the motion may seem ahead of commands, held or smooth: drives that are told often act late by half
+of their own time."""
 WORSE = 1.2
 """Times by which torques may be predicted worse, which noise of the positions is in."""
 SMOOTH = "smooth"
@@ -116,14 +118,15 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
     ahead = late < -AHEAD * held.dt
     named = zip(before.robot.parameter_names(), before.standard.tolist(), strict=True)
     driving = late < 0.5 * held.dt and any(name.kind == "fv" and value < 0 for name, value in named)
-    doubted = ahead or driving or _stairs(held, before) > STAIRS
+    doubted = late < -EARLIEST * held.dt or driving or _stairs(held, before) > STAIRS
     if not doubted:
         return False
     nearer = nearer_by_motion(robot, held, smooth)
     if nearer is not None:
         if nearer.by or not nearer.at_noise:
             return nearer.by > 0
-        return nearer.delays[0] < -AHEAD * held.dt and nearer.delays[1] > -EARLIEST * held.dt
+        # noise alone is left of both: a drive that is ahead of its commands is none
+        return nearer.delays[0] < -EARLIEST * held.dt and nearer.delays[1] > -EARLIEST * held.dt
     after = _least_squares(robot, smooth)
     return ahead and _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)
 

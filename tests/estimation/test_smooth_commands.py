@@ -175,3 +175,12 @@ def test_commands_are_smooth_where_positions_are_noisy(pendulums: Robot) -> None
 def test_smooth_commands_of_a_log_with_torques_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "sample_logs/planar2.mcap", "--robot", "planar2", "--commands", "smooth"]) == 2
     assert "--commands smooth: the log holds torques" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("delay", [0.0005, 0.001])
+def test_a_delay_of_the_drives_hides_less_than_half_a_sample_of_smooth_commands(pendulums: Robot, delay: float) -> None:
+    found = identify(pendulums, prepare(every(2, 2, delay=delay), pendulums))
+    assert found.settings["commands"] == "smooth"
+    told = found.settings["trajectory"]["joint_parameters"]
+    for name, value in zip(pendulums.joint_names, plant.VISCOUS, strict=True):
+        assert told[name]["fv"]["estimate"] == pytest.approx(value, rel=0.003)
