@@ -133,7 +133,8 @@ def _trust(found: MotionDiagnosis) -> str:
         f"{verdict}{added}: the motion simulated under the commands is off by {after} on average{was}, at most by "
         f"{most}."
     )
-    return doubted(words, (*found.recording.warnings, *found.after.warnings))
+    # with wrong units or signs the bodies' weight and the gains would not move the robot as it was measured
+    return doubted(words, (*(found.recording.warnings if left else ()), *found.after.warnings))
 
 
 def _missing(found: MotionDiagnosis) -> str:
