@@ -53,8 +53,7 @@ Exit 70 and tracebacks
 Load
 20. CSV in blocks: test_loads.py::test_a_csv_log_is_read_in_blocks; measured by
     `python -m tests.system.benchmarks.run --only csv`
-21. many short logs: test_loads.py::test_many_short_logs_take_little_each; measured by
-    `python -m tests.system.benchmarks.run --only short`
+21. many short logs: measured by `python -m tests.system.benchmarks.run --only short`
 22. a long log against the truth: test_loads.py::test_the_numbers_of_a_long_log_are_the_truth; an hour by
     `python -m tests.system.reproduce.hours`
 """
