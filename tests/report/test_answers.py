@@ -10,6 +10,7 @@ from elid_cli import identify, prepare, read_recording, read_robot
 from elid_cli.cli import main
 from elid_cli.diagnosis import FoundEffect, Rival
 from elid_cli.estimation.judgement import JointError
+from elid_cli.report.answers.inputs import fullest
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, summary_words
 from elid_cli.report.answers.summary import called, light, small_value, symbol_words
@@ -112,3 +113,16 @@ def test_what_is_left_and_may_be_no_noise_names_the_parameters_of_its_joint() ->
         "If what is left at joint2 is no noise, it may bias these first: m2 with 1 other, cx2 with 1 other" in doubted
     )
     assert "known to 30 % or better, or to 0.3 % of the torque. 2 are known to be small (cy1 and cy2)" in plain
+
+
+@pytest.mark.parametrize(
+    ("written", "best"),
+    [
+        (("a.xml", "b.yaml"), "b.yaml"),
+        (("a.urdf", "b.xml"), "a.urdf"),
+        (("a.yaml", "b.yaml"), "a.yaml"),
+        (("a.MJCF", "plain"), "plain"),
+    ],
+)
+def test_the_next_command_takes_the_file_that_holds_most(written: tuple[str, ...], best: str) -> None:
+    assert fullest(written) == best

@@ -142,7 +142,7 @@ def _shown(values: Mapping[str, float]) -> dict[str, float]:
 
 def _next(found: FrictionFamily, recording: Recording, robot: str, written: Sequence[str]) -> str:
     if written:
-        return inputs.command("validate", recording, written[0])
+        return inputs.command("validate", recording, inputs.fullest(written))
     if all(member == PLAIN for member in found.supported.values()):
         return inputs.command("diagnose", recording, robot)
     return inputs.command("friction", recording, robot, "--write-robot", f"{found.robot.name}-friction.yaml")

@@ -212,7 +212,7 @@ def _next(found: Identification, recording: Recording, robot_argument: str, writ
     if found.model != "sufficient" or is_unclear(found.noise):
         return inputs.command("diagnose", recording, robot_argument)
     if written:
-        return inputs.command("validate", recording, written[0])
+        return inputs.command("validate", recording, inputs.fullest(written))
     keeping = inputs.keeping(found.robot, "identified", _declared(found.robot))
     mjcf = len(keeping) > 2 and not found.robot.source.lower().endswith(".urdf")
     if mjcf and not found.drives and not could_be_built(found):

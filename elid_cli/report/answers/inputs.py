@@ -138,6 +138,11 @@ def command(verb: str, recording: Recording | None, robot: str, *options: str) -
     return shlex.join(["elid", verb, *files, "--robot", robot, *options, *smooth, *told])
 
 
+def fullest(written: Sequence[str]) -> str:
+    """Return the robot file that holds most of what was found: the first YAML, else the first of all."""
+    return next((path for path in written if not path.lower().endswith((".urdf", ".xml", ".mjcf"))), written[0])
+
+
 def keeping(robot: Robot, word: str, effects: Iterable[str] = ()) -> tuple[str, ...]:
     """Return the options that write what was found: as YAML, which holds all, and into the user's own URDF or MJCF.
 
