@@ -52,8 +52,13 @@ def identified_robot(found: Identification) -> Robot:
     """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
     near = found.standard if found.estimator == "trajectory" else found.robot.reference()
     standard = representative(found.base, possible_values(found), near)
+    declared = {(spec.effect, spec.joint) for spec in found.robot.effects}
     more: dict[tuple[str, str | None], EffectSpec]
-    more = {(n.effect, n.joint): EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances if _is_shown(n)}
+    more = {
+        (n.effect, n.joint): EffectSpec(n.effect, n.joint, n.parameters)
+        for n in found.nuisances
+        if _is_shown(n) or (n.effect, n.joint) in declared
+    }
     own = (EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects)
     new = [*(_together(spec, more.pop((spec.effect, spec.joint), None)) for spec in own), *more.values()]
     replaced = {(spec.effect, spec.joint) for spec in new}
