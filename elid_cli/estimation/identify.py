@@ -33,7 +33,7 @@ from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import nuisance_of
 from elid_cli.model.effects.declared import as_observed
-from elid_cli.model.effects.of_drives import with_integrals
+from elid_cli.model.effects.of_drives import with_loops
 from elid_cli.model.effects.shifts import free_of_delays
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
@@ -141,7 +141,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     """Return what the samples say of the robot as they show it."""
     whole, described, logged = robot, as_observed(robot, signals), signals
     plain = free_of_delays(described) if options.delays else described
-    robot, signals = with_integrals(plain, signals)
+    robot, signals = with_loops(plain, signals)
     fit, tilt = _levelled_fit(robot, signals, options)
     fit, refused, answer = judged(fit, options)
     judgement = judge_model(fit) if options.guards else None

@@ -82,3 +82,19 @@ def z_to(axis: tuple[float, float, float]) -> Array:
     x /= np.linalg.norm(x)
     transform[:3, 0], transform[:3, 1], transform[:3, 2] = x, np.cross(z, x), z
     return transform
+
+
+def by_dh(a: float, alpha: float, d: float, theta: float, *, modified: bool) -> tuple[Array, Array]:
+    """Return the 4x4 transforms before and after a joint's motion, of its Denavit-Hartenberg parameters, m and rad."""
+    offset, link = rotation_z(theta) @ translation(0, 0, d), translation(a, 0, 0)
+    if modified:
+        return rotation_x(alpha) @ link @ offset, np.eye(4)
+    return np.eye(4), offset @ link @ rotation_x(alpha)
+
+
+def by_axis(
+    xyz: tuple[float, float, float], rpy: tuple[float, float, float], axis: tuple[float, float, float]
+) -> tuple[Array, Array]:
+    """Return the 4x4 transforms before and after a joint's motion, of its origin, m and rad, and its axis."""
+    align = z_to(axis)
+    return translation(*xyz) @ rotation_rpy(rpy) @ align, align.T.copy()

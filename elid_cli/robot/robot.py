@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.robot.frames import rotation_rpy, rotation_x, rotation_z, to_quarter, translation, z_to
+from elid_cli.robot.frames import by_axis, by_dh, to_quarter
 from elid_cli.robot.parameter import JOINT_PARAMETERS, PARAMETER_GROUPS, StandardParameter
 
 JointType = Literal["revolute", "prismatic"]
@@ -251,9 +251,14 @@ class Robot:
         return f"in {Path(self.source).with_suffix('.elid.yaml')} (elid init writes it)"
 
     def known_ratios(self, what: str, joints: Iterable[str] | None = None) -> Array:
-        """Return `gear_ratios` where `what` needs those of some joints (None: of all); RobotError: one is unknown.
+        """Return `gear_ratios` where `what` needs those of some joints (None: of all).
 
         Those of rotors of their own are known where they do not couple, too; 1 may only mean that nobody knew.
+
+        Raises
+        ------
+        RobotError
+            One of them is unknown.
         """
         turns = {name: ratio for name, (_, ratio) in self.rotors.items() if abs(ratio) != 1.0}
         known = [turns.get(j.name) if j.gear_ratio is None else j.gear_ratio for j in self.joints]
@@ -297,7 +302,10 @@ class Robot:
 
     def placements(self) -> tuple[tuple[Array, Array], ...]:
         """Return (before, after) of every joint: constant 4x4 transforms around its motion about or along z."""
-        return tuple(_placement(joint, self.dh) for joint in self.joints)
+        if self.dh not in ("standard", "modified"):
+            return tuple(by_axis(j.xyz, j.rpy, j.axis) for j in self.joints)
+        modified = self.dh == "modified"
+        return tuple(by_dh(j.a, j.alpha, j.d, j.theta, modified=modified) for j in self.joints)
 
     def parameter_names(self) -> tuple[StandardParameter, ...]:
         """Return the standard parameters' names in standard order (eq. 14); a rigid joint has no K."""
@@ -338,14 +346,3 @@ def check_size(robot: Robot, source: str) -> None:
             f"{source}: {robot.n} joints; at most {MOST_JOINTS} are identified together",
             hint="hold the others: --lock NAME=0, or keep one chain: --tip LINK",
         )
-
-
-def _placement(joint: Joint, convention: Convention) -> tuple[Array, Array]:
-    offset = rotation_z(joint.theta) @ translation(0, 0, joint.d)
-    if convention == "standard":
-        return np.eye(4), offset @ translation(joint.a, 0, 0) @ rotation_x(joint.alpha)
-    if convention == "modified":
-        return rotation_x(joint.alpha) @ translation(joint.a, 0, 0) @ offset, np.eye(4)
-    origin = translation(*joint.xyz) @ rotation_rpy(joint.rpy)
-    align = z_to(joint.axis)
-    return origin @ align, align.T.copy()

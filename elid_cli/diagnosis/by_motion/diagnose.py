@@ -43,7 +43,7 @@ from elid_cli.estimation.trajectory.late_joints import believed
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.of_drives import as_acting, with_drives
+from elid_cli.model.effects.of_drives import as_acting, with_drives, with_filters
 from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
@@ -121,7 +121,7 @@ def diagnose_motion(
     after = as_last(done.after, changes)
     cut = {item.joint: item.limit for item in done.limits}
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
-    told = with_drives(signals, whole.rates, whole.acting)
+    told = with_drives(with_filters(signals, whole.filters), whole.rates, whole.acting)
     told = replace(told, tau=np.clip(told.tau, -bound, bound))
     refined = identification_of(replace(found, robot=with_limits(whole.written, cut)), after, told)
     of_changes = tuple(effect for change in whole.changes for effect in effects_of(change, done.before))

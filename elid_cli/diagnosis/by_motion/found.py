@@ -46,6 +46,12 @@ class Found:
         return found
 
     @property
+    def filters(self) -> Array:
+        """Time constant of the filter of every drive's velocity beyond what is declared, s, (n,)."""
+        found: Array = np.sum([np.zeros(self.robot.n), *(change.filters for change in self.changes)], axis=0)
+        return found
+
+    @property
     def acting(self) -> Array:
         """`ratio`, with the gains that were found beside a change."""
         found: Array = np.prod([self.ratio, *(change.ratio for change in self.changes)], axis=0)

@@ -137,8 +137,16 @@ class Changed:
     @property
     def rates(self) -> Array:
         """Integral over proportional gain of every joint's drive that it finds, 1/s, (n,)."""
+        return self._of_drives("integral")
+
+    @property
+    def filters(self) -> Array:
+        """Time constant of the filter of every joint's velocity that it finds, s, (n,)."""
+        return self._of_drives("filter")
+
+    def _of_drives(self, which: str) -> Array:
         found = np.zeros(self.level.n)
-        if self.by.kind.of_drive == "integral":
+        if self.by.kind.of_drive == which:
             found[list(self.by.joints)] = self.values[: len(self.by.joints)]
         return found
 

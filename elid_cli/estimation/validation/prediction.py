@@ -18,7 +18,7 @@ from elid_cli.estimation.validation.cross_validation import errors_of_rows
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.of_drives import with_integrals
+from elid_cli.model.effects.of_drives import with_loops
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.effects.shifts import corrected, declared_shifts, delivered, unshifted_robot
 from elid_cli.model.effects.tilt import declared_tilt, levelled
@@ -75,7 +75,7 @@ def validate(
     """
     turned = bool(np.any(declared_tilt(robot)))
     asked, described, logged = signals, robot, signals
-    robot, signals = with_integrals(levelled(as_observed(robot, signals)), signals)
+    robot, signals = with_loops(levelled(as_observed(robot, signals)), signals)
     model = Regressor(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)

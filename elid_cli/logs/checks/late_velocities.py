@@ -9,34 +9,18 @@ that. The torque does not show which it is; fast motion may.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.late_velocity import Delay, delay_of
 
-WINDOW = 0.05
-"""s, about, over which the position's change is compared with the velocity's integral."""
-BLOCKS = 6
-"""Parts of a log whose differences give the error."""
-FEWEST = 50
-"""Windows in a part below which nothing is said."""
 LEAST = 1e-3
 """s, from which a delay is worth a word."""
 SURE = 5.0
 """Standard errors by which it must be longer than that."""
-
-
-@dataclass(frozen=True)
-class Delay:
-    """By how much a joint's velocity is late against its position."""
-
-    joint: int
-    value: float
-    """s; negative where the position is late."""
-    std_error: float
 
 
 def late_velocities(
@@ -72,30 +56,6 @@ def late_velocities(
         joints = [d for d in joints if np.any(gain[:, d.joint] > 0)]
         if joints:
             yield _sentence(joints, gain, robot, late=late)
-
-
-def delay_of(q: Array, dq: Array, dt: float, joint: int) -> Delay | None:
-    """Return by how much a velocity (N,) is late against a position (N,); None where that cannot be told.
-
-    Over any window the position changes by the velocity's integral. A late velocity leaves its change over the window
-    times the delay, beside what a wrong scale of it leaves.
-    """
-    half = max(1, round(0.5 * WINDOW / dt))
-    if len(q) < 2 * half + BLOCKS * FEWEST or not (np.isfinite(q).all() and np.isfinite(dq).all()):
-        return None
-    whole = np.concatenate([[0.0], np.cumsum(0.5 * (dq[1:] + dq[:-1]) * dt)])
-    integral, change = whole[2 * half :] - whole[: -2 * half], dq[2 * half :] - dq[: -2 * half]
-    left = q[2 * half :] - q[: -2 * half] - integral
-    known = np.stack([change, integral], axis=1)
-    parts = np.array_split(np.arange(len(left)), BLOCKS)
-    delays = []
-    for part in parts:
-        step, _, rank, _ = np.linalg.lstsq(known[part], left[part], rcond=1e-9)
-        if rank < 2:
-            return None
-        delays.append(float(step[0] / (1.0 + step[1])))  # a wrong scale is of the velocity's change as well
-    step = np.linalg.lstsq(known, left, rcond=1e-9)[0]
-    return Delay(joint, float(step[0] / (1.0 + step[1])), float(np.std(delays, ddof=1)) / BLOCKS**0.5)
 
 
 def _sentence(joints: list[Delay], gain: Array, robot: Robot, *, late: bool) -> str:

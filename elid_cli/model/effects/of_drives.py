@@ -9,9 +9,11 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.model.drives import filter_weights
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.declared import resolve
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.late_velocity import delay_of
 from elid_cli.signals.signals import Signals
 
 
@@ -52,18 +54,60 @@ def _declared(robot: Robot, which: Literal["gain", "integral", "filter"]) -> Arr
     return found
 
 
-def with_integrals(robot: Robot, signals: Signals) -> tuple[Robot, Signals]:
-    """Return the robot without the integral terms that it declares, and the signals with the torques that hold them."""
-    rates = declared_integrals(robot)
-    kept = tuple(spec for spec in robot.effects if resolve(robot, spec)[0].of_drive != "integral")
+def with_loops(robot: Robot, signals: Signals) -> tuple[Robot, Signals]:
+    """Return the robot without what it declares of its drives' loops, and the signals with the torques that hold it.
+
+    That are integral terms, and filters of velocity.
+    """
+    kept = tuple(spec for spec in robot.effects if resolve(robot, spec)[0].of_drive not in ("integral", "filter"))
     if signals.error_integrals is None or len(kept) == len(robot.effects):
         return robot, signals
-    return replace(robot, effects=kept), with_drives(signals, rates)
+    told = with_filters(signals, declared_filters(robot))
+    return replace(robot, effects=kept), with_drives(told, declared_integrals(robot))
 
 
 def as_acting(robot: Robot, signals: Signals) -> Signals:
     """Return the signals with the torques that act as the robot declares its drives, in place of what the log tells."""
-    return with_drives(signals, declared_integrals(robot), declared_gains(robot))
+    told = with_filters(signals, declared_filters(robot))
+    return with_drives(told, declared_integrals(robot), declared_gains(robot))
+
+
+def with_filters(signals: Signals, times: Array) -> Signals:
+    """Return the signals with the torques of drives that damp by a filtered velocity, of time constants (n,), s.
+
+    A torque that was computed from a logged velocity, late as the drive's own is, holds the filter already: what counts
+    is what the logged one lacks of it.
+    """
+    recording = signals.recording
+    if recording is None or "kd" not in recording.commands or not np.any(times):
+        return signals
+    from scipy.signal import lfilter  # most of a second
+
+    tau, kd = signals.tau.copy(), np.nan_to_num(recording.commands["kd"])
+    for joint in np.flatnonzero((times > 0) & recording.commanded).tolist():
+        left = float(times[joint]) - _late(signals, joint)
+        if left <= 0:
+            continue
+        _, _, whole, rise = filter_weights(np.array(left), signals.dt)
+        for segment in signals.segments:
+            here = slice(segment.start, segment.stop)
+            speed = signals.motion.dtheta[here, joint]
+            # the filter starts from the velocity that it would have had for long
+            seen, _ = lfilter([rise, whole - rise], [1.0, whole - 1.0], speed, zi=[(1.0 - rise) * speed[0]])
+            tau[here, joint] += kd[here, joint] * (speed - seen)
+    return replace(signals, tau=tau)
+
+
+def _late(signals: Signals, joint: int) -> float:
+    """Return by how much the velocity that a joint's torque was computed from is late, s; 0 where it does not show."""
+    recording = signals.recording
+    assert recording is not None
+    rates = [part for part in (recording.dq, recording.dtheta) if part is not None]
+    logged = [part[:, joint] for part in rates if np.isfinite(part[:, joint]).any()]
+    longest = max(signals.segments, key=len)
+    here = slice(longest.start, longest.stop)
+    found = delay_of(recording.theta[here, joint], logged[0][here], signals.dt, joint) if logged else None
+    return 0.0 if found is None else max(found.value, 0.0)
 
 
 def with_drives(signals: Signals, integrals: Array, gains: Array | float = 1.0) -> Signals:

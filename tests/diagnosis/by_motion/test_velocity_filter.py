@@ -8,20 +8,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.replay.replay import ReplayOptions, replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.model.drives import filter_weights
 from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.robot.text import text_of
 from elid_cli.signals.signals import prepare
-from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, KD, OFFSET, VISCOUS, moved, robot, written
+from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, DT, KD, OFFSET, VISCOUS, moved, robot, written
 
 TIME = 5e-3
 """s."""
 TRIED = ("velocity_filter", "torque_delay", "integral_action")
+
+
+def _filtered(speed: np.ndarray) -> np.ndarray:
+    part = 1.0 - np.exp(-DT / TIME)
+    return lfilter([part], [1.0, part - 1.0], speed, axis=0)  # type: ignore[no-any-return]
+
+
+def _without(arm: Robot) -> tuple[EffectSpec, ...]:
+    return tuple(spec for spec in arm.effects if spec.effect != "velocity_filter")
+
+
 TRUTH = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
 
 
@@ -58,6 +72,16 @@ def test_filters_of_velocity_are_named_and_the_written_robot_has_them(tmp_path: 
     file.write_text(text_of(found.refined))
     again = read_robot(file)
     assert replay(again, other).mean_abs < 1.3e-4
+    # a torque that is computed from the log holds the filter as well, once and not twice
+    told = {}
+    for name, log in (("exact", other), ("late", replace(other, dq=_filtered(other.dq)))):
+        signals = prepare(read_recording([written(tmp_path, f"{name}.h5", log)], again), again)
+        told[name] = [validate(one, signals).error for one in (again, replace(again, effects=_without(again)))]
+        for joint in again.joint_names:
+            assert told[name][0][joint].relative < 0.05
+    assert all(told["exact"][1][joint].relative > 2 * told["exact"][0][joint].relative for joint in again.joint_names)
+    assert {e.relative < 0.05 for e in found.after.error.values()} == {True}
+
     in_mujoco, without = (
         replay(one, other, ReplayOptions(engine="mujoco")).mean_abs for one in (again, replace(again, effects=()))
     )

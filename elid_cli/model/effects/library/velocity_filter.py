@@ -9,8 +9,8 @@ from elid_cli.model.effects.scene import Scene
 class VelocityFilter(Effect):
     """A first-order low-pass filter of the velocity that a drive's loop takes.
 
-    It acts in the simulated motion. A torque that is computed from the log has it already where the log holds the
-    velocity that the drive took, so that it has no column there.
+    It acts in the simulated motion, and in a torque that is computed from the log as far as the logged velocity is
+    not late itself (`of_drives.with_filters`); it has no column.
     """
 
     name = "velocity_filter"
@@ -33,5 +33,5 @@ class VelocityFilter(Effect):
     simulated = "loop"
 
     def columns(self, scene: Scene) -> Columns:
-        """Return nothing: what a computed torque lacks depends on which velocity the log holds."""
+        """Return nothing: a declared filter is in the computed torque, and the motion finds others."""
         return {}
