@@ -122,18 +122,6 @@ LISTED = 40
 """Names that a hint lists."""
 
 
-class Key(str):
-    """A key of a mapping that knows where it is written."""
-
-    where = ""
-    """``file:line``."""
-
-
-def written_at(key: object, otherwise: str) -> str:
-    """Return ``file:line`` of a mapping's key where that is known."""
-    return getattr(key, "where", "") or otherwise
-
-
 def nearest(name: str, names: Iterable[str]) -> str | None:
     """Return the name closest to `name`, ignoring case, or None where nothing is near."""
     if len(name) > LONGEST:

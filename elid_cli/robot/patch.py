@@ -20,8 +20,8 @@ from elid_cli.robot.files import robot_from_text
 from elid_cli.robot.fixed_bodies import fixed_to, joined
 from elid_cli.robot.inertia import pseudo_inertia, real_tensor
 from elid_cli.robot.locking import locked
+from elid_cli.robot.mjcf.patch import patch_mjcf
 from elid_cli.robot.parameter import LINK_PARAMETERS
-from elid_cli.robot.patch_mjcf import patch_mjcf
 from elid_cli.robot.patch_values import SAME, Change, Changes, named, near, other
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS

@@ -14,9 +14,10 @@ from typing import Any
 
 import yaml
 
-from elid_cli.errors import Key, RobotError, UsageError, did_you_mean
+from elid_cli.errors import RobotError, UsageError, did_you_mean
 from elid_cli.files import LARGEST
 from elid_cli.robot.expressions import evaluate
+from elid_cli.robot.written_keys import Key
 
 DEEPEST = 40
 """Levels of nesting."""

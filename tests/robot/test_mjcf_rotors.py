@@ -363,3 +363,25 @@ def test_coupled_fingers_are_no_rotors() -> None:
     first, second = robot.notes
     assert first == "1 tendons are not modelled"
     assert "right follows another joint in the file" in second
+
+
+CART = """<mujoco><worldbody><body name="mast"><joint name="lift" axis="0 1 0"/><inertial pos="0 0 .2" mass="3"
+ diaginertia=".02 .02 .01"/>
+<body name="a" pos="0 .2 0"><joint name="lw" axis="0 1 0"/>
+<inertial pos="0 0 0" mass="1" diaginertia=".01 .02 .01"/></body>
+<body name="b" pos="0 -.2 0"><joint name="rw" axis="0 1 0"/>
+<inertial pos="0 0 0" mass="1" diaginertia=".01 .02 .01"/></body>
+</body></worldbody><equality><joint joint1="lw" joint2="rw" polycoef="0 RATIO 0 0 0"/></equality>
+<actuator><motor joint="lift"/><motor joint="rw"/>MORE</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("ratio", "more", "rotors"),
+    [("1", "", set()), ("1", '<motor joint="lw"/>', set()), ("4", '<motor joint="lw"/>', set()), ("4", "", {"lw"})],
+)
+def test_two_wheels_of_a_cart_are_no_joint_with_its_rotor(
+    tmp_path: Path, ratio: str, more: str, rotors: set[str]
+) -> None:
+    """Balanced hinges both: one is the rotor of the other only where a gear is between them and one motor drives."""
+    (tmp_path / "cart.xml").write_text(CART.replace("RATIO", ratio).replace("MORE", more))
+    assert read_robot(tmp_path / "cart.xml").rotors.keys() == rotors

@@ -209,7 +209,6 @@ class Mends:
         """Return what pairs, each with the deflection under its mean load (`Pair.shift`), say of a robot's joints."""
         opposite = [p.name for p, _ in pairs if p.opposite]
         written = _per_joint(plan, "theta", "offset", names)
-        found = []
         for pair, bent in pairs:
             shift = pair.shift(bent)
             whole = 2 * math.pi * pair.whole_turns(shift)

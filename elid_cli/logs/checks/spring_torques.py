@@ -144,7 +144,8 @@ def _scale(pair: Pair, ratio: float, robot: Robot, plan: ReadPlan, *, alone: boo
     else:
         what, factor = "a current or another unit (or the positions are in one)", 1 / ratio
         key = f"unit: A, scale: {{{pair.name}: {factor:.4g}}}"
-    if alone:
+    placement = plan.placements.get("tau")
+    if alone or (placement is not None and np.any(np.asarray(placement.spec.scale) != 1.0)):  # what is mapped stays
         key = _rescaled(plan, pair, factor, robot)
     yield f"{pair.name}: tau looks like {what}, {why}; {proposed(plan, 'tau', key)}"
 

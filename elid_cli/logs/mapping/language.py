@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError, did_you_mean, written_at
+from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.logs.mapping.left_out import KEY as LEFT_OUT
 from elid_cli.logs.mapping.left_out import parse_left_out
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import parse_long
 from elid_cli.robot.robot import Robot
+from elid_cli.robot.written_keys import written_at
 from elid_cli.signals.recording import ACCEL, GYRO, INERTIAL, MEASURED
 
 POSITIONS = ("q", "theta", "q_des")

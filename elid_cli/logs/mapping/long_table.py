@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from elid_cli.errors import LogError, UsageError, did_you_mean, written_at
+from elid_cli.errors import LogError, UsageError, did_you_mean
 from elid_cli.logs.contract import RawLog
+from elid_cli.robot.written_keys import written_at
 
 KEY = "long"
 """The mapping's key, beside the signals and t."""

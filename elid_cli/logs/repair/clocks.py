@@ -66,7 +66,8 @@ def in_seconds(
             unique[key] = stream.clocks[clock]
             if clock == "header stamp":
                 unique[key], lost[key] = _mended(unique[key], stream.clocks["log time"])
-                told = np.isfinite(stream.values[unique[key] != stream.clocks[clock]]).any(axis=1)
+                mended = (unique[key] != stream.clocks[clock]) & ~lost[key]
+                told = np.isfinite(stream.values[mended]).any(axis=1)
                 zeros = max(zeros, int(np.count_nonzero(told)))
     if zeros:
         (notes if repairs is None else repairs).append(

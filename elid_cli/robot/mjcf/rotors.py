@@ -93,7 +93,7 @@ class RotorSearch:
             unbalanced = [] if candidates else self._unbalanced(coupling)
             if not candidates and not unbalanced:
                 continue
-            answer: Rotor | str = coupling.fault or "".join(f"{name} is not balanced" for name in unbalanced)
+            answer: Rotor | str = coupling.fault or "".join(map(self._why_not, unbalanced))
             twice = [name for name, _ in coupling.levers if uses[name] > 1]
             if not answer and twice:
                 answer = f"{twice[0]} is coupled to more than one joint"
@@ -146,7 +146,8 @@ class RotorSearch:
                 text = element.attributes.get("polycoef", "0 1")
                 ratio = [*element.parsed(text, len(text.split()), "polycoef"), 0.0, 0.0]
                 off = element.attributes.get("active", "true") == "false"
-                if off or not ratio[1] or one not in self._names or two not in self._names:
+                # one to one, two wheels on a shaft look like a rotor and its joint: the one follows the other
+                if off or not ratio[1] or abs(ratio[1]) == 1.0 or one not in self._names or two not in self._names:
                     continue
                 fault = 'only polycoef="0 k 0 0 0" is modelled' if ratio[0] or any(ratio[2:]) else ""
                 yield Coupling(element, ((one, -1.0), (two, ratio[1])), fault)
@@ -170,9 +171,16 @@ class RotorSearch:
         alone = [name for name in driven if self._is_alone(self._moving[self._names.index(name)])]
         return alone if len(driven) == 1 else []
 
+    def _why_not(self, name: str) -> str:
+        """Return why a joint that an actuator drives is no rotor, of one that is alone on its body."""
+        known = self._moving[self._names.index(name)].body is not None
+        return f"{name} is not balanced" if known else f"the inertia of {name} is unknown"
+
     def _rotor(self, coupling: Coupling, candidates: list[int]) -> Rotor | str:
         """Return the rotor of a coupling, or why it is none."""
         driven = [k for k, (name, _) in enumerate(coupling.levers) if name in self._driven]
+        if len(driven) == 2:
+            return f"actuators act on both {coupling.levers[0][0]} and {coupling.levers[1][0]}"
         if len(driven) == 1 and driven[0] not in candidates:
             name = coupling.levers[driven[0]][0]
             return f"an actuator acts on {name}, which is no balanced body on a hinge of its own, as a rotor is"

@@ -19,7 +19,7 @@ from elid_cli.robot.mjcf.held import DAMPING, LINK_EFFECTS, SPRING, declared
 from elid_cli.robot.mjcf.moving import MovingJoint
 from elid_cli.robot.mjcf.read import MjcfTree
 from elid_cli.robot.mjcf.rotors import Rotor
-from elid_cli.robot.patch_values import Change, Changes, named, near, other
+from elid_cli.robot.patch_values import SAME, Change, Changes, named, near, other
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.xml import Element
 from elid_cli.robot.written_bodies import PHYSICAL, is_real, loaded
@@ -87,6 +87,8 @@ class _Patch:
     def _set(self, element: Element, values: dict[str, str]) -> None:
         """Set attributes of an element, which has those of its class; equal numbers stay as they are written."""
         changed = other(element, values)
+        if not changed:
+            return
         if element.file != self.robot.source:
             name = element.attributes.get("name", element.tag)
             raise RobotError(f"{name} is described in {element.file}", hint="give that file, or write a .yaml")
@@ -122,7 +124,7 @@ class _Patch:
 
     def _zero(self, item: MovingJoint, zero: float) -> dict[str, str]:
         """Return the reference of a joint whose positions are read larger by `zero`, rad (m)."""
-        if abs(zero) < 1e-12:
+        if abs(zero) < SAME:
             return {}
         more = math.degrees(zero) if self.tree.conventions.degrees and item.turns else zero
         return {"ref": xml_number(item.element.number("ref", 0.0) + more)}
