@@ -7,12 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from elid_cli.diagnosis.fit.state import State
+from elid_cli.diagnosis.search.event_times import INSTANT
+
+RISE = 0.35
+"""Time in which a jump rises behind a low-pass, over the inverse of its cut-off: motion and torque do not jump."""
 
 
 def standard_errors(state: State, number: int) -> dict[str, float]:
     """Return standard errors of an effect's named parameters by first-order propagation of amplitudes and shapes.
 
-    Both are unknowns together: an amplitude at a shape that is taken for known would seem several times too sure.
+    Both are unknowns together: an amplitude at a shape that is taken for known would seem several times too sure. An
+    instant of a change is not known better than the filter passes jumps.
     """
     effect, centre, names = state.effects[number], state.coefficients(number), state.named(number)
     covariance, shapes = state.covariance_with_shapes
@@ -34,4 +39,8 @@ def standard_errors(state: State, number: int) -> dict[str, float]:
             add(type(effect)(effect.joint, shape).named(state.scene, centre), step, shapes[number, k])
     jacobian, inner = np.array(slopes).T, covariance[np.ix_(index, index)]
     spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, inner, jacobian), 0.0)) if index else np.zeros(0)
-    return {name: float(s) for name, s in zip(names, spread, strict=bool(index)) if s > 0}
+    found = {name: float(s) for name, s in zip(names, spread, strict=bool(index)) if s > 0}
+    cutoff = state.log.signals.filter.cutoff
+    if effect.local and INSTANT in found and np.isfinite(cutoff):
+        found[INSTANT] = float(np.hypot(found[INSTANT], RISE / cutoff))
+    return found

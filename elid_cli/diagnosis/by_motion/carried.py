@@ -23,7 +23,7 @@ from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.base_parameters import leftmost
 from elid_cli.model.effects import effect_that
-from elid_cli.model.effects.bodies import body_columns
+from elid_cli.model.effects.bodies import body_columns, end_bodies
 from elid_cli.model.effects.library import payload
 from elid_cli.model.linearised import Linearised
 from elid_cli.robot.nearest_body import is_body, nearest_body
@@ -172,7 +172,7 @@ def other_load_of(before: TrajectoryFit) -> Changed | None:
 
 def last_bodies(robot: Robot) -> list[int]:
     """Return the last body of every branch, by its joint; -1 where there is one branch."""
-    ends = sorted(set(range(robot.n)) - set(robot.parents), reverse=True)
+    ends = end_bodies(robot)
     return ends if len(ends) > 1 else [-1]
 
 

@@ -90,7 +90,7 @@ class State:
 
     def joint_of(self, effect: Effect) -> str | None:
         """Return the name of an effect's joint; None of one of the whole robot."""
-        return None if effect.whole_robot else self.log.model.robot.joint_names[effect.joint]
+        return effect.joint_name(self.log.model.robot)
 
     @property
     def specs(self) -> list[EffectSpec]:
@@ -230,10 +230,9 @@ def _held(log: Log, effects: Sequence[Effect], columns: Sequence[ExtraColumns]) 
 
     A curve holds straight lines, which viscous friction or the spring explains already: the line stays with those.
     """
-    names = log.model.robot.joint_names
     held = []
     for effect, extra in zip(effects, columns, strict=True):
-        spec = EffectSpec(effect.name, None if effect.whole_robot else names[effect.joint])
+        spec = EffectSpec(effect.name, effect.joint_name(log.model.robot))
         if not isinstance(effect, CurveEffect):
             held.append(Declared(spec, effect))
             continue

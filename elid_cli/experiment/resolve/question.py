@@ -230,7 +230,7 @@ def _as_logged(robot: Robot, noise: Sequence[JointNoise]) -> Robot:
 def _hypothesis(item: Mapping[str, Any], robot: Robot) -> Hypothesis:
     kind = effect_classes()[item["effect"]]
     joint = item["joint"]
-    number = 0 if joint is None or kind.whole_robot else robot.joint_names.index(joint)
+    number = kind.number(robot, joint)
     values = {str(k): float(v) for k, v in item["parameters"].items()}
     errors = {str(k): float(v) for k, v in item.get("std_error", {}).items() if v is not None}
     return Hypothesis(item["effect"], joint, number, values, errors, float(item.get("behind", 0.0)))

@@ -104,9 +104,9 @@ def _program(robot: Robot, terms: Sequence[BaseTerm]) -> Program:
     return compile_program(graph, [*motor, *link])
 
 
-def last_body(robot: Robot, motion: Motion) -> Array:
-    """Return the columns of the last body's ten parameters in every link row, shape (n, 10, N)."""
-    return body_columns(robot, robot.n - 1, motion)
+def end_bodies(robot: Robot) -> list[int]:
+    """Return the last body of every branch, by its joint, the robot's last one first."""
+    return sorted(set(range(robot.n)) - set(robot.parents), reverse=True)
 
 
 def body_columns(robot: Robot, number: int, motion: Motion) -> Array:

@@ -19,7 +19,7 @@ from elid_cli.signals.signals import Signals
 
 
 def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
-    """Return the class of a declared effect and its joint (0 for effects of the whole robot).
+    """Return the class of a declared effect and its joint (of one of the whole robot: see `Effect.number`).
 
     Raises
     ------
@@ -32,7 +32,7 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
         raise RobotError(f"{where}: no joint named {spec.joint!r}", hint=did_you_mean(spec.joint, robot.joint_names))
     if spec.joint is None and not kind.whole_robot and robot.n > 1:
         raise RobotError(f"{where}: no joint", hint=f"joint: {robot.joint_names[0]}")
-    joint = 0 if spec.joint is None or kind.whole_robot else robot.joint_names.index(spec.joint)
+    joint = kind.number(robot, spec.joint)
     reason = kind.unfit(robot, joint)
     if reason:
         elastic = f", or set 'transmission: elastic' of {robot.joints[joint].name}" if kind.elastic_only else ""
@@ -105,10 +105,11 @@ def as_observed(robot: Robot, log: Signals | Recording) -> Robot:
 
 def lost_effects(robot: Robot, seen: Robot) -> list[tuple[EffectSpec, str]]:
     """Return the declared effects that the robot as its log shows it cannot have, with the reason."""
-    library, here = effect_classes(), robot.joint_names[0]  # of one joint, whose effects need not name it
+    library = effect_classes()
     found = []
     for spec in robot.effects if seen is not robot else ():
-        joint = robot.joint_names.index(spec.joint or here) if (spec.joint or here) in robot.joint_names else 0
+        known = spec.joint is None or spec.joint in robot.joint_names
+        joint = library[spec.effect].number(robot, spec.joint) if known else 0
         reason = library[spec.effect].unfit(seen, joint)
         if reason and not library[spec.effect].unfit(robot, joint):
             found.append((spec, reason))

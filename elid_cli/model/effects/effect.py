@@ -219,6 +219,15 @@ class Effect(ABC):
         return not cls.unfit(robot, joint)
 
     @classmethod
+    def number(cls, robot: Robot, joint: str | None) -> int:
+        """Return the number of the joint at which a file declares it, by its name: 0 for effects of the whole robot."""
+        return 0 if joint is None or cls.whole_robot else robot.joint_names.index(joint)
+
+    def joint_name(self, robot: Robot) -> str | None:
+        """Return the name of its joint; None for an effect of the whole robot."""
+        return None if self.whole_robot else robot.joint_names[self.joint]
+
+    @classmethod
     def unfit(cls, robot: Robot, joint: int) -> str:
         """Return why the effect cannot exist at this joint, as a sentence about it; empty where it can."""
         if cls.whole_robot and joint != 0:
@@ -230,7 +239,7 @@ class Effect(ABC):
         return ""
 
     @classmethod
-    def in_sums(cls, robot: Robot) -> dict[str, str]:
+    def in_sums(cls, robot: Robot, joint: str | None = None) -> dict[str, str]:
         """Return, by amplitude, the sum that its value is of where motion shows no more, as ``m + 2*Iyy``."""
         return {}
 

@@ -97,7 +97,7 @@ def _side(
 def _effect_payload(found: Diagnosis, contribution: Contribution) -> dict[str, Any]:
     effect = contribution.effect
     curve, also = curve_words(effect), own_elasticity(found, effect)
-    sums = {} if curve else effect_classes()[effect.effect].in_sums(found.robot)
+    sums = {} if curve else effect_classes()[effect.effect].in_sums(found.robot, effect.joint)
     payload = {
         **picked(effect, "effect joint parameters std_error gain"),
         "certain": found.certain(effect),

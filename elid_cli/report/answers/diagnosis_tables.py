@@ -161,7 +161,7 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
     text = f"{missing.summary_words(terms)}: {'; and '.join(texts)}"
     kind = effect_classes()[effect.effect]
     absent = [p.name for p in kind.amplitudes if p.name not in effect.parameters]
-    sums = {name: said for name, said in kind.in_sums(robot).items() if name in effect.parameters}
+    sums = {name: said for name, said in kind.in_sums(robot, effect.joint).items() if name in effect.parameters}
     if absent:
         text += f"; taken as 0: {', '.join(absent)}"
         text += ", which no motion shows alone" if sums else ", which no motion of this robot shows"

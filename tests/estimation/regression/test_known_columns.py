@@ -31,7 +31,7 @@ def signals(scene: Scene) -> Any:
 
 def effect_in(scene: Scene, name: str) -> Effect:
     kind = effect_classes()[name]
-    joint = 0 if kind.whole_robot else scene.robot.n - 1
+    joint = kind.number(scene.robot, None) if kind.whole_robot else scene.robot.n - 1
     _, shape = kind.coefficients(scene, joint, kind.example)
     return kind(joint, shape)
 

@@ -109,7 +109,7 @@ def test_columns_explain_what_the_effect_did(name: str) -> None:
     joint, parameters, tolerance = case(name)
     # friction that follows the torque it is part of is found in a few rounds
     tolerance = max(tolerance, 0.02) if effect_classes()[name].from_torque else tolerance
-    number = 0 if joint is None else ROBOT.joint_names.index(joint)
+    number = effect_classes()[name].number(ROBOT, joint)
     result = simulated(name)
     motion = logged_motion(result)
     scene = scene_of(result, motion)

@@ -88,7 +88,7 @@ def cases(name: str) -> Iterator[tuple[int, Case]]:
     kind = LIBRARY[name]
     robot, _, _, scene = log(sensed=kind.place == "sensor")
     for joint in range(robot.n):
-        at = 0 if kind.whole_robot else joint
+        at = kind.number(robot, None) if kind.whole_robot else joint
         if kind.applies(robot, at):
             values = dict(kind.example)
             if "other" in values:
@@ -144,7 +144,7 @@ def test_a_robot_file_predicts_the_same_whatever_was_measured(name: str) -> None
     tried = 0
     for joint, (effect, linear) in cases(name):
         robot, signals, _, scene = log(sensed=effect.place == "sensor")
-        where = None if effect.whole_robot else robot.joint_names[effect.joint]
+        where = effect.joint_name(robot)
         robot = replace(robot, effects=(EffectSpec(name, where, effect.named(scene, linear)),))
         before = validate(robot, signals)
         for how in ALTERED:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.bodies import gravity_torque, last_body
+from elid_cli.model.effects.bodies import body_columns, gravity_torque
 from elid_cli.model.effects.harmonics import MANY
 from elid_cli.model.effects.library.flexible_mode import FlexibleMode
 from elid_cli.model.effects.library.hysteresis import Hysteresis
@@ -228,9 +228,9 @@ def test_a_turned_gravity_keeps_its_size(spatial_scene: Scene) -> None:
 def test_payload_columns_are_the_difference_of_the_models_with_and_without(spatial_scene: Scene) -> None:
     s = spatial_scene
     kind = LIBRARY["payload"]
-    linear, shape = kind.coefficients(s, 0, LIBRARY["payload"].example)
-    effect = kind(0, shape)
-    linear = linear * independent(s.robot)
+    linear, shape = kind.coefficients(s, 2, LIBRARY["payload"].example)
+    effect = kind(2, shape)
+    linear = linear * independent(s.robot, 2)
     changed = effect.altered(s.robot, s.parameters, linear)
     assert changed.start == 0.7
     with_it, without = (torque_of(s.robot, s.motion, p).sum(axis=0) for p in (changed.parameters, s.parameters))
@@ -242,31 +242,31 @@ def test_payload_columns_are_the_difference_of_the_models_with_and_without(spati
 
 def test_the_instant_of_a_payload_is_found_in_the_missing_torque(spatial_scene: Scene) -> None:
     s = spatial_scene
-    linear, shape = LIBRARY["payload"].coefficients(s, 0, {"m": 0.8, "cx": 0.05, "start": 1.37})
-    columns = LIBRARY["payload"](0, shape).columns(s)
+    linear, shape = LIBRARY["payload"].coefficients(s, 2, {"m": 0.8, "cx": 0.05, "start": 1.37})
+    columns = LIBRARY["payload"](2, shape).columns(s)
     tau = np.array(s.predicted) + 0.5 * np.random.default_rng(0).normal(size=s.predicted.shape)
     for row, values in columns.items():
         tau[:, row.joint] += linear @ values
     # as a fit would have it: the mean payload is within the last body
-    whole = np.concatenate(list(LIBRARY["payload"](0, (0.0,)).columns(s).values()), axis=1)
+    whole = np.concatenate(list(LIBRARY["payload"](2, (0.0,)).columns(s).values()), axis=1)
     rest = (tau - s.predicted).T.reshape(-1)
     rest = rest - np.linalg.lstsq(whole.T, rest, rcond=1e-9)[0] @ whole
-    found = LIBRARY["payload"].grid(replace(s, tau=s.predicted + rest.reshape(3, -1).T, cache={}), 0)
+    found = LIBRARY["payload"].grid(replace(s, tau=s.predicted + rest.reshape(3, -1).T, cache={}), 2)
     assert abs(found[0][0] - 1.37) < 0.02
     assert len(found) <= 3
 
 
 def test_a_planar_arm_shows_mass_first_moment_and_one_inertia_of_a_payload() -> None:
-    kept = dict(zip(LINK_PARAMETERS, independent(planar()), strict=True))
+    kept = dict(zip(LINK_PARAMETERS, independent(planar(), 1), strict=True))
     assert [name for name, keep in kept.items() if keep] == ["m", "cx", "cy", "Izz"]
 
 
 def test_the_named_changes_of_a_payload_are_as_many_as_the_chain_can_show() -> None:
     robot = spatial()
     motion = motion_of(robot, 200)
-    columns = last_body(robot, motion).transpose(1, 0, 2).reshape(10, -1)
+    columns = body_columns(robot, 2, motion).transpose(1, 0, 2).reshape(10, -1)
     columns = columns / np.maximum(np.linalg.norm(columns, axis=1), 1e-12)[:, None]
-    assert independent(robot).sum() == np.linalg.matrix_rank(columns, tol=1e-9)
+    assert independent(robot, 2).sum() == np.linalg.matrix_rank(columns, tol=1e-9)
 
 
 def test_gravity_torques_are_the_models_at_rest(spatial_scene: Scene) -> None:

@@ -60,11 +60,12 @@ def test_the_equations_hold_with_the_effect_and_fail_without(name: str) -> None:
     # what the whole model predicts is the torque that acts
     predicted = tau if LIBRARY[name].from_torque else scene.predicted
     scene = replace(scene, tau=tau, predicted=predicted, duration=LENGTH, cache={})
-    linear, shape = LIBRARY[name].coefficients(scene, 0, spec.parameters)
+    number = LIBRARY[name].number(plain, spec.joint)
+    linear, shape = LIBRARY[name].coefficients(scene, number, spec.parameters)
     without = torque_of(plain, motion, scene.parameters)
     without[1] -= tau
     effect = np.zeros_like(without)
-    for row, columns in LIBRARY[name](0, shape).columns(scene).items():
+    for row, columns in LIBRARY[name](number, shape).columns(scene).items():
         effect[0 if row.side == "link" else 1, :, row.joint] = linear @ columns
     inner = slice(25, -25)  # shifted channels are held at the ends
     rest, size = np.abs(without + effect)[:, inner], np.abs(effect)[:, inner]

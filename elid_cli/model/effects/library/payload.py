@@ -1,4 +1,4 @@
-"""Payload: the last body changes while the log runs."""
+"""Payload: the last body, or that of a branch, changes while the log runs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import Dependencies, combination, leftmost, tidy
-from elid_cli.model.effects.bodies import last_body
+from elid_cli.model.effects.bodies import body_columns, end_bodies
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
@@ -23,16 +23,16 @@ MARGIN = 0.04
 BEST = 3
 FARTHEST = 9.0
 """Times its usual size that the missing torque is taken for at most: six standard deviations of noise."""
-_LAST_BODY: Recent[tuple[Array, Motion, Robot]] = Recent(1)
-"""The columns along the motion that was asked about last, whatever the model's parameters are."""
+_END_BODY: Recent[tuple[Array, Motion, Robot]] = Recent(1)
+"""The columns of a body along the motion that was asked about last, whatever the model's parameters are."""
 _UNITS = ("kg", *["kg·m"] * 3, *["kg·m²"] * 6)
 
 
 class Payload(Effect):
-    """Ten inertial parameters added to the last body from one instant on.
+    """Ten inertial parameters added to a body that carries no other one, from one instant on.
 
-    A chain cannot tell all ten apart. As in the base parameters, the leftmost independent ones carry those that
-    depend on them; the others have columns of zeros and are not named.
+    It is the robot's last body where no joint is named. A chain cannot tell all ten apart. As in the base parameters,
+    the leftmost independent ones carry those that depend on them; the others have columns of zeros and are not named.
     """
 
     name = "payload"
@@ -40,7 +40,7 @@ class Payload(Effect):
     equation = "link equations: (last body's columns) · change, for t ≥ start"
     physics = (
         "A gripper closes on a part. A payload that is there from the first instant to the last is part of the last"
-        " body and cannot be seen in the log."
+        " body and cannot be seen in the log. Of several branches it is at the body of the joint that is named."
     )
     typical = "a tenth to the whole of the rated payload"
     fingerprint = (
@@ -60,13 +60,28 @@ class Payload(Effect):
     simulated = "robot"
 
     @classmethod
+    def number(cls, robot: Robot, joint: str | None) -> int:
+        """Return the number of the body, named by its joint: the last one where none is named."""
+        return robot.n - 1 if joint is None else robot.joint_names.index(joint)
+
+    def joint_name(self, robot: Robot) -> str | None:
+        """Return the name of the body's joint; None where there is one branch."""
+        return None if len(end_bodies(robot)) == 1 else robot.joint_names[self.joint]
+
+    @classmethod
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return why a load is not looked at here: the body carries another one."""
+        ends = end_bodies(robot)
+        return "" if joint in ends else f"loads are at the last body, that of {robot.joint_names[ends[0]]}"
+
+    @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return the instants at which a change would explain most of the torque that the model misses."""
         t = scene.motion.t
         if len(t) < 100:
             return []
         thin = slice(None, None, max(1, len(t) // THINNED))
-        rows = _columns(scene)[:, :, thin]
+        rows = _columns(scene, joint)[:, :, thin]
         gain = _gain(rows, _without_outliers((scene.tau[thin] - scene.predicted[thin]).T))
         times = t[thin]
         gain[(times < times[0] + MARGIN * np.ptp(times)) | (times > times[-1] - MARGIN * np.ptp(times))] = 0.0
@@ -86,22 +101,23 @@ class Payload(Effect):
         return min(THINNED, max(scene.samples, 1))
 
     def columns(self, scene: Scene) -> Columns:
-        """Return the last body's independent columns in the link rows from the start on, zeros for the others."""
+        """Return the body's independent columns in the link rows from the start on, zeros for the others."""
         after = scene.motion.t >= self.shape[0]
-        return {EquationRow("link", j): rows * after for j, rows in enumerate(_columns(scene))}
+        columns, moving = _columns(scene, self.joint), scene.robot.ancestors[self.joint]
+        return {EquationRow("link", j): columns[j] * after for j in moving}
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
         """Return the changes that can be told apart, and the start."""
-        kept = independent(scene.robot)
+        kept = independent(scene.robot, self.joint)
         values = {
             name: float(c) for name, c, keep in zip(LINK_PARAMETERS, coefficients, kept, strict=True) if keep or c != 0
         }
         return {**values, "start": self.shape[0]}
 
     @classmethod
-    def in_sums(cls, robot: Robot) -> dict[str, str]:
-        """Return the sums of the last body's parameters that its leading ones stand for."""
-        found = _dependencies(robot)
+    def in_sums(cls, robot: Robot, joint: str | None = None) -> dict[str, str]:
+        """Return the sums of the body's parameters that its leading ones stand for."""
+        found = _dependencies(robot, cls.number(robot, joint))
         followers = [LINK_PARAMETERS[k] for k in found.followers]
         sums = {}
         for leader, row in zip(found.leaders, found.coefficients, strict=True):
@@ -115,19 +131,19 @@ class Payload(Effect):
         names = robot.parameter_names()
         changed = np.array(parameters, dtype=float)
         for name, change in zip(LINK_PARAMETERS, coefficients, strict=True):
-            changed[names.index(StandardParameter(name, robot.n - 1))] += change
+            changed[names.index(StandardParameter(name, self.joint))] += change
         return Alteration(self.shape[0], robot, changed)
 
 
-def _columns(scene: Scene) -> Array:
-    """Return the last body's columns, those that depend on others as zeros, (n, 10, N); shared by all starts."""
+def _columns(scene: Scene, body: int) -> Array:
+    """Return a body's columns, those that depend on others as zeros, (n, 10, N); shared by all starts."""
 
     def made() -> tuple[Array, Motion, Robot]:
-        columns = last_body(scene.robot, scene.motion)
-        columns *= independent(scene.robot)[:, None]
+        columns = body_columns(scene.robot, body, scene.motion)
+        columns *= independent(scene.robot, body)[:, None]
         return columns, scene.motion, scene.robot  # held, so that nothing else takes their place in memory
 
-    return _LAST_BODY.of((id(scene.motion), id(scene.robot)), made)[0]
+    return _END_BODY.of((id(scene.motion), id(scene.robot), body), made)[0]
 
 
 def _without_outliers(missing: Array) -> Array:
@@ -141,7 +157,7 @@ def _without_outliers(missing: Array) -> Array:
 
 
 def _gain(rows: Array, missing: Array) -> Array:
-    """Return how much of the missing torque's square a change of the last body from each instant on explains, (N,).
+    """Return how much of the missing torque's square a change of the body from each instant on explains, (N,).
 
     `rows` (n, 10, N), `missing` (n, N). The model holds these columns from the first instant to the last already, so
     that only what is orthogonal to them counts.
@@ -163,14 +179,14 @@ def _gain(rows: Array, missing: Array) -> Array:
     return gain
 
 
-def independent(robot: Robot) -> Array:
-    """Return 1 for the last body's parameters that no earlier one of them can stand for, else 0, shape (10,)."""
+def independent(robot: Robot, body: int) -> Array:
+    """Return 1 for a body's parameters that no earlier one of them can stand for, else 0, shape (10,)."""
     kept = np.zeros(len(LINK_PARAMETERS))
-    kept[_dependencies(robot).leaders] = 1.0
+    kept[_dependencies(robot, body).leaders] = 1.0
     return kept
 
 
-def _dependencies(robot: Robot) -> Dependencies:
+def _dependencies(robot: Robot, body: int) -> Dependencies:
     motion = random_motion(robot.n, robot.elastic, samples=24)
-    columns = last_body(robot, motion).transpose(1, 0, 2).reshape(len(LINK_PARAMETERS), -1)
+    columns = body_columns(robot, body, motion).transpose(1, 0, 2).reshape(len(LINK_PARAMETERS), -1)
     return leftmost(columns.T, TOLERANCE, null=0.0)
