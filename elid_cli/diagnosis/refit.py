@@ -172,7 +172,8 @@ def _identified_again(
         at_search,
         parameters=tuple(replace(item, reference=other.reference) for item, other in items),
         covariance=found.covariance, standard=found.standard, condition=found.condition, rank=found.rank,
-        rank_margin=found.rank_margin, noise=found.noise, insufficient=found.insufficient, model=found.model,
+        rank_margin=found.rank_margin, warnings=found.warnings, noise=found.noise, insufficient=found.insufficient,
+        model=found.model,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
     written = identified_robot(replace(found, parameters=told.parameters))
