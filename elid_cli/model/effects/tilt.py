@@ -67,9 +67,10 @@ def levelled(robot: Robot) -> Robot:
 
 
 def untilted(values: Mapping[str, float], angles: Array) -> dict[str, float]:
-    """Return roll and pitch of the whole tilt, from what is left beyond `angles`."""
+    """Return roll and pitch of the whole tilt, from what is left beyond `angles`; without one that no joint feels."""
     names = [p.name for p in effect_that(turns_gravity=True).amplitudes]
-    return {name: left + float(a) for name, left, a in zip(names, angles_of(values), angles, strict=True)}
+    whole = zip(names, angles_of(values), angles, strict=True)
+    return {name: left + float(a) for name, left, a in whole if name in values or a}
 
 
 def settled(

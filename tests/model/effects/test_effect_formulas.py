@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from elid_cli.model.effects.library.payload import independent
 from elid_cli.model.effects.rows import derivative
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.motion import Motion
 from tests.model.effects.effect_scenes import DT, motion_of, planar, scene_of, spatial, torque_of
 
@@ -390,3 +392,24 @@ def test_a_skew_of_nanoseconds_is_none(planar_scene: Scene) -> None:
     kind = effect_classes()["encoder_skew"]
     for part, expected in ((0.001, False), (-0.003, False), (0.1, True), (-3.0, True)):
         assert kind.plausible(planar_scene, 0, {"skew": part * planar_scene.dt}) is expected
+
+
+def test_a_tilt_that_pulls_at_slides_alone_is_an_offset_of_their_torque() -> None:
+    def joint(name: str, kind: Literal["revolute", "prismatic"], axis: tuple[float, float, float]) -> Joint:
+        parameters = {"m": 4.0, "cy": 0.1, "cz": -0.3, "Ixx": 0.2}
+        return Joint(name, type=kind, axis=axis, transmission="rigid", parameters=parameters)
+
+    along, wrist = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+    robot = Robot("gantry", (joint("x", "prismatic", along), joint("wrist", "revolute", wrist)), dh="urdf")
+    tilt, scene = LIBRARY["gravity_direction"](0), scene_of(robot)
+    columns = tilt.columns(scene)
+    assert set(columns) == {EquationRow("link", 1)}, "pitch pulls at x alone, by the weight of all"
+    roll, pitch = columns[EquationRow("link", 1)]
+    assert np.ptp(roll) > 1.0
+    assert not np.any(pitch)
+    assert tilt.named(scene, np.array([0.01, 0.0])) == {"roll": 0.01}
+    turned = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], axis=(0.0, 1.0, 0.0))))
+    shown = tilt.columns(scene_of(turned))
+    assert np.ptp(shown[EquationRow("link", 1)][1]) > 0.5
+    weight = shown[EquationRow("link", 0)][1]
+    np.testing.assert_allclose(np.abs(weight), 8.0 * 9.81, rtol=1e-12)

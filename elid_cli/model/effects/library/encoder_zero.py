@@ -35,7 +35,7 @@ class EncoderZero(Effect):
     place = "encoder"
     either_sign = "A zero is off either way."
     from_model = True
-    searched = False
+    searched = True
     moves_zero = True
     amplitudes = (Parameter("offset", "rad", "what the joint's positions read too much", low=-0.5, high=0.5),)
     example = {"offset": 0.02}

@@ -9,13 +9,20 @@ from elid_cli.model.effects.bodies import gravity_torque, horizontal_axes, turne
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import random_motion
+
+ANYWHERE = 8
+"""Random poses in which torques must differ …"""
+SAME = 1e-6
+"""… by this part at least."""
 
 
 class GravityDirection(Effect):
     """Gravity turned about the two base axes that are most nearly horizontal.
 
     The columns are the derivatives of the links' gravity torques with respect to the two angles, at the present
-    parameters. What an angle does to second order scales gravity by its cosine, which the masses absorb.
+    parameters. What an angle does to second order scales gravity by its cosine, which the masses absorb. An angle that
+    pulls at slides alone, with the same force in every pose, is an offset of their torque: its column is zero.
     """
 
     name = "gravity_direction"
@@ -47,15 +54,25 @@ class GravityDirection(Effect):
         """Return the derivatives of gravity torques with respect to both angles in the link rows."""
         key = ("gravity tilt",)
         if key not in scene.cache:
+            anywhere = random_motion(scene.robot.n, scene.robot.elastic, samples=ANYWHERE).q
+            poses = np.concatenate([scene.motion.q, anywhere])
             gravity = np.array(scene.robot.gravity)
-            scene.cache[key] = np.stack(
+            rows = np.stack(
                 [
-                    gravity_torque(scene.robot, scene.motion.q, scene.parameters, np.cross(axis, gravity).tolist())
+                    gravity_torque(scene.robot, poses, scene.parameters, np.cross(axis, gravity).tolist())
                     for axis in horizontal_axes(scene.robot)
                 ],
                 axis=1,
             )
+            felt = np.ptp(rows, axis=2).max(axis=0) > SAME * np.abs(rows).max(axis=(0, 2))
+            scene.cache[key] = rows[..., : -len(anywhere)] * felt[:, None]
         return {EquationRow("link", j): rows.copy() for j, rows in enumerate(scene.cache[key]) if np.any(rows)}
+
+    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
+        """Return the angles that the torques show."""
+        felt = np.any([np.any(rows, axis=1) for rows in self.columns(scene).values()] or [[False, False]], axis=0)
+        values = super().named(scene, coefficients)
+        return {name: value for (name, value), shown in zip(values.items(), felt, strict=True) if shown or value}
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return the robot in the turned field of gravity."""
