@@ -35,7 +35,7 @@ from elid_cli.model.regressor import EstimationRow
 SPEAKS = 0.01
 """Part of a quarter's squared error that an effect must move for the quarter to speak about it."""
 TOLERATED = 0.05
-"""Loss, as a part of a quarter's squared error, that noise may excuse."""
+"""Loss, as a part of a quarter's squared error, or of all quarters' mean, that noise may excuse."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,8 @@ class _Compared:
     moved: float
     known: bool = True
     local: bool = False
+    usual: float = 0.0
+    """Mean squared error of all quarters without the effect: one that hardly shows any error has little to lose."""
 
     @property
     def speaks(self) -> bool:
@@ -84,7 +86,7 @@ class _Compared:
 
         Of an effect that is local nothing but these few instants speaks, so none of them may speak against it.
         """
-        loss, excused = self.after - self.before, min(self.noise, TOLERATED * self.before)
+        loss, excused = self.after - self.before, min(self.noise, TOLERATED * max(self.before, self.usual))
         excusable = 0 < loss <= excused and not self.local
         return self.known and self.before > 0 and self.moved > SPEAKS * self.before and not excusable
 
@@ -170,6 +172,7 @@ def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Surv
 
 def _survival(effect: str, joint: str | None, compared: Sequence[_Compared]) -> Survival:
     before, after = sum(c.before for c in compared), sum(c.after for c in compared)
+    compared = [replace(c, usual=before / len(compared)) for c in compared]
     whole = 1.0 - after / before if before > 0 else 0.0
     return Survival(effect, joint, tuple(c.gain for c in compared), whole, tuple(c.lost for c in compared))
 
