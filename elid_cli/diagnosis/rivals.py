@@ -48,10 +48,10 @@ def rivals_of(state: State, declared: int, steps: Sequence[Step], effects: Seque
     for number, (step, effect) in enumerate(zip(steps, effects, strict=True), start=declared):
         own = state.effects[number]
         for twin in type(own).same_here(state.scene, own.joint, effect.parameters):
-            place = (twin.effect, robot.joint_names[twin.joint])
+            kind = effect_classes()[twin.effect]
+            place = (twin.effect, None if kind.whole_robot else robot.joint_names[twin.joint])
             if place not in named:
-                record = effect_classes()[twin.effect].record
-                rivals[place] = Rival(*place, effect.effect, effect.gain, dict(twin.values), record)
+                rivals[place] = Rival(*place, effect.effect, effect.gain, dict(twin.values), kind.record)
         for candidate in step.rivals:
             joint = state.joint_of(candidate.effect)
             key = (candidate.effect.name, joint)

@@ -17,10 +17,11 @@ from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.scene import Scene
+from elid_cli.model.effects.scene import Scene, direction_widths
 from elid_cli.model.program import Program
 from elid_cli.model.regressor import EstimationRow, Regressor, inputs_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
@@ -28,6 +29,8 @@ from elid_cli.signals.signals import Signals
 AGREEING, AGREED = 12, 1e-5
 """Most rounds in which predicted torque and friction that follows it come to agree, and the change, as a part of the
 torque, below which they do: a round leaves as much of the error as friction follows the motor's torque."""
+SHARP, SHARPEST = 4.0, 1e-5
+"""Part of the slowest speed at which an instant counts over which the sign of velocity is rounded, and least, rad/s."""
 _CHUNK = 8192
 """Samples whose full-rate regressor is held at a time."""
 _KEPT, _KEPT_SAMPLES = 32_000_000, 16384
@@ -111,8 +114,16 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         stiffness=stiffness,
         starts=tuple(int(k) for k in np.concatenate([[0], np.cumsum(lengths)[:-1]])),
         temperature=temperature,
+        rounding=_rounding(robot, signals),
         **_optional(signals),
     )
+
+
+def _rounding(robot: Robot, signals: Signals) -> Array:
+    """Return the speed over which the sign of a motor's velocity is rounded: where instants count, it is sharp."""
+    slowest = np.maximum(signals.min_velocity / SHARP, SHARPEST)
+    found: Array = np.minimum(direction_widths(robot), slowest)
+    return found
 
 
 def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:

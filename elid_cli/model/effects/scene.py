@@ -61,6 +61,8 @@ class Scene:
     """Integral of kp (q_des - q) in logs of commands, N·m·s (N·s), (N, n); None in others."""
     tau_link: Array | None = None
     """Measured torque in the transmission, where joint torque sensors exist."""
+    rounding: Array | None = None
+    """Speed over which the sign of motors' velocity is rounded, (n,); None: `DIRECTION_WIDTH`."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)
     """Results that several effects share, keyed by (name, …)."""
     _of_motion: dict[object, Any] = field(init=False, default_factory=dict, compare=False, repr=False)
@@ -81,7 +83,7 @@ class Scene:
 
     def direction(self, joint: int) -> Array:
         """Return the rounded sign of motor velocity, shape (N,), which nobody may change."""
-        width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
+        width = float((direction_widths(self.robot) if self.rounding is None else self.rounding)[joint])
         return self.of_motion(("direction", joint), lambda: np.tanh(self.motion.dtheta[:, joint] / width))
 
     def speed(self, joint: int) -> Array:

@@ -413,3 +413,27 @@ def test_a_tilt_that_pulls_at_slides_alone_is_an_offset_of_their_torque() -> Non
     assert np.ptp(shown[EquationRow("link", 1)][1]) > 0.5
     weight = shown[EquationRow("link", 0)][1]
     np.testing.assert_allclose(np.abs(weight), 8.0 * 9.81, rtol=1e-12)
+
+
+def test_an_offset_at_a_level_slide_may_be_a_base_that_is_not_level() -> None:
+    drives = {"m": 4.0, "cy": 0.1, "cz": -0.3, "Ixx": 0.2, "Ja": 1.0}
+    slide = Joint("x", type="prismatic", axis=(1.0, 0.0, 0.0), transmission="rigid", parameters=drives)
+    wrist = Joint("wrist", type="revolute", axis=(1.0, 0.0, 0.0), transmission="rigid", parameters=drives)
+    offset = LIBRARY["torque_offset"]
+    scene = scene_of(Robot("gantry", (slide, wrist), dh="urdf"))
+    assert [twin.effect for twin in offset.same_here(scene, 0, {"offset": 1.0})] == ["gravity_direction"]
+    assert offset.same_here(scene, 1, {"offset": 1.0}) == ()
+    carried = scene_of(Robot("swing", (wrist, slide), dh="urdf"))
+    assert offset.same_here(carried, 1, {"offset": 1.0}), "a slide along the axis that it turns about feels no angle"
+    across = replace(slide, axis=(0.0, 1.0, 0.0))
+    assert offset.same_here(scene_of(Robot("swing", (wrist, across), dh="urdf")), 1, {"offset": 1.0}) == ()
+
+
+def test_the_sign_of_velocity_is_sharp_where_instants_count() -> None:
+    scene = scene_of(planar())
+    sharp = replace(scene, rounding=np.array([1e-4, 1e-4]), cache={})
+    slow = np.abs(scene.motion.dtheta[:, 0]) < 5e-3
+    assert slow.any()
+    assert np.all(np.abs(scene.direction(0)[slow]) < 0.77)
+    counted = slow & (np.abs(scene.motion.dtheta[:, 0]) > 4e-4)
+    assert np.all(np.abs(sharp.direction(0)[counted]) > 0.999)
