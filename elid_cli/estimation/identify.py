@@ -26,7 +26,7 @@ from elid_cli.estimation.reading import read_signals
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
-from elid_cli.estimation.sanity import physics_warnings
+from elid_cli.estimation.sanity import physics_warnings, rotor_warnings
 from elid_cli.estimation.smooth_commands import as_told, noted
 from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
@@ -150,7 +150,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
         answer = assemble(fit, options, refused)
     found = with_unseen(_as_described(answer, robot, tilt), whole)
     if options.guards:
-        found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
+        found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found), *rotor_warnings(found)))
     found = judged_model(found, judgement)
     if options.fit == "trajectory":
         from elid_cli.estimation.trajectory.identification import by_trajectory

@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import in_words
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -35,6 +36,10 @@ AS_WELL = 0.3
 """Difference of what two ways save up to which a log does not tell them apart."""
 SIGNS = ("torque", "positions")
 """Faults that turn one joint round."""
+GEARED = 5.0
+"""Least gear ratio by which a torque of the wrong side is told from a wrong inertia."""
+NEAR_POWER = 0.1
+"""Distance from the gear ratio or its inverse within which inertias are off by it, in powers of it."""
 ALIKE = 0.2
 """Share of the deflection that is left when two motors' positions are exchanged, below which they were swapped."""
 
@@ -63,6 +68,25 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     said += _by_negative_values(fit.model.robot, negative, moving, known)
     said.sort(key=lambda item: -item[0])
     return tuple(sentence for _, sentence in said[:3])
+
+
+def rotor_warnings(found: Identification) -> tuple[str, ...]:
+    """Return a sentence where every motor inertia is that of the robot file divided by the gear ratio, or times it."""
+    robot, off = found.robot, dict[str, float]()
+    for item in found.parameters:
+        joint = robot.joints[item.leader.joint]
+        sure = item.estimate > 0 and item.std_error < ALIKE * item.estimate and item.reference > 0
+        if item.leader.kind == "Jm" and item.name == item.leader and abs(joint.gear_ratio or 0.0) >= GEARED and sure:
+            off[joint.name] = float(np.log(item.estimate / item.reference) / np.log(abs(joint.gear_ratio or GEARED)))
+    for power, words in ((-1, "divided by"), (1, "times")):
+        if off and all(abs(value - power) < NEAR_POWER for value in off.values()):
+            side = "side: motor" if power < 0 else "side: joint"
+            return (
+                f"the motor inertia of {in_words(list(off))} is that of the robot file {words} the gear ratio: the "
+                f"torque looks as if it were of the {'motor' if power < 0 else 'joint'}'s side; if so, map tau with "
+                f"{side}",
+            )
+    return ()
 
 
 class _Fault(NamedTuple):

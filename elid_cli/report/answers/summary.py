@@ -85,7 +85,8 @@ def light(error: JointError | None, *, lacking: bool = False) -> Mark:
             return Mark("good", "good")
     elif share <= CLOSE and not lacking:
         return Mark("good", "good")
-    return Mark("fair", "warn") if share <= USABLE else Mark(POOR, "bad")
+    worst = max(share, _beyond_noise(error))  # the motor's own equation may be far worse than the whole joint's
+    return Mark("fair", "warn") if worst <= USABLE else Mark(POOR, "bad")
 
 
 def above_noise(error: JointError) -> float | None:
