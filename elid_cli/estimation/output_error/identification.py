@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, UsageError
+from elid_cli.errors import LogError, UsageError, in_words
 from elid_cli.estimation.output_error.equations import MotionEquations
 from elid_cli.estimation.output_error.fit import OutputErrorFit, fit_output_error
 from elid_cli.estimation.output_error.simulated import Unknowns
@@ -26,6 +26,10 @@ from elid_cli.signals.signals import Signals
 
 NOISIEST = 5.6e-4
 """Noise of a position over the spread of its motion (65 dB) beyond which short windows do not tell the states."""
+WORSE = 2.0
+"""Times the error of least squares from which this fit is called the worse one."""
+MOVED = 2.0
+"""Standard errors from what least squares say beyond which a parameter may be biased by what is missing."""
 SHOWN = 3.0
 """Standard errors beyond which a delay is told."""
 
@@ -109,15 +113,37 @@ def _identification(found: Identification, fit: OutputErrorFit, signals: Signals
     )
     if fit.windows.resting:
         note += f"; {fit.windows.resting} windows in which a motor rests are left out"
-    return by_simulated_motion(
+    error = held_out_errors(left, fit.spans, moved, found)
+    worse = [
+        name
+        for name, one in error.items()
+        if name in found.error and one.rms > WORSE * max(found.error[name].rms, 1e-12)
+    ]
+    if worse and found.model == "insufficient":
+        note += (
+            f"; the torque of {in_words(worse)} is predicted worse than by least squares: what the model lacks bends "
+            "a motion that is simulated more than a torque (leave --fit out)"
+        )
+    told = by_simulated_motion(
         found, estimate, spread, found.reference,
-        error=held_out_errors(left, fit.spans, moved, found),
+        error=error,
         standard=representative(base, estimate, robot.reference()),
         delays=late,
         nuisances=_nuisances(robot, fit),
         notes=(note,),
         settings=_settings(robot, fit),
     )  # fmt: skip
+    return _with_bias(told, found) if found.model == "insufficient" else told
+
+
+def _with_bias(told: Identification, found: Identification) -> Identification:
+    """Return the fit with those parameters marked that least squares see elsewhere: something is missing."""
+    marked = [
+        replace(item, bias_possible=own.bias_possible
+                or abs(item.estimate - own.estimate) > MOVED * float(np.hypot(item.std_error, own.std_error)))
+        for item, own in zip(told.parameters, found.parameters, strict=True)
+    ]  # fmt: skip
+    return replace(told, parameters=tuple(marked))
 
 
 def _robot(found: Identification, fit: OutputErrorFit, z: Array) -> Robot:
