@@ -95,7 +95,14 @@ def load_recording(
     recording = with_lost_effects(recording, robot)
     note(unique_notices([(label, recording.repairs)]), output, "repaired")
     note(unique_notices([(label, recording.warnings)]), output, "warning")
+    _tell_unused_gains(reading, [recording], output)
     return recording
+
+
+def _tell_unused_gains(reading: Reading, recordings: Sequence[Recording], output: Output) -> None:
+    """Note that gains are not used where no log holds commands that they could act on."""
+    if (reading.kp or reading.kd) and not any("q_des" in one.commands for one in recordings):
+        note(["--kp and --kd are not used: no log holds commanded positions (q_des)"], output)
 
 
 def read_source(source: Source, robot: Robot, output: Output, progress: Progress | None) -> tuple[Recording, Signals]:
@@ -135,6 +142,7 @@ def log_request(source: Source, robot: Robot, spread: Spread, output: Output, pr
             together = len(every) > 1
             said = notices_of(read, kind) if together else unique_notices(("", getattr(part, kind)) for part in read)
             note(said, output, word)
+        _tell_unused_gains(source.reading, every, output)
         note(repeated([f for r in every for f in r.files], [d for r in every for d in r.sha256]), output, "warning")
 
     return LogRequest(

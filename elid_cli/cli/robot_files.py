@@ -22,6 +22,8 @@ FOREIGN = (".urdf", ".xml", ".mjcf")
 
 def check_described(files: Files) -> None:
     """Refuse, before any work is done, files that no robot, or no actuators, can be written to (UsageError)."""
+    if files.drop_effects and not files.write_robot:
+        raise UsageError("--drop-effects: no robot file is written", hint="give --write-robot as well")
     if files.write_actuators is not None:
         check_target(files.write_actuators, (".json", ".yaml", ".yml"), "actuators")
     for path in files.write_robot:

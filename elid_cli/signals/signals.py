@@ -32,6 +32,8 @@ EFFECT_CUTOFF = 20.0
 SLOW, SLOW_KEPT = (0.05, 0.05), (0.01, 0.005)
 """Largest speed that counts as reversing, rad/s (m/s), and its largest part of the top speed."""
 MINIMUM_SAMPLES = 40
+FEWEST_PIECES = 4
+"""Pieces that splines of a given spacing have at least."""
 INSTANTS = 14
 """Independent instants, two per period of the cut-off, that a log needs: as many as a joint has parameters."""
 
@@ -217,6 +219,11 @@ def prepare(
             f"{', '.join(recording.files) or 'log'}: {lasting:.3g} s of motion are too few",
             detail=f"below {min(cutoff, DEFAULT_CUTOFF):g} Hz a joint's {INSTANTS} parameters need {needed:.3g} s",
             hint="record longer",
+        )
+    if options.knots is not None and options.knots > lasting / FEWEST_PIECES:
+        raise UsageError(
+            f"--knots {options.knots:g}: splines with knots that far apart are no motion in {lasting:.3g} s of log",
+            hint=f"less than {lasting / FEWEST_PIECES:.3g}, such as 0.05, or leave it out",
         )
     link, motor = channels_of(recording, robot)
     if options.smoothing == "butterworth":
