@@ -73,6 +73,7 @@ def _weighted(amplitudes: Array, columns: Array) -> Array:
 def can_act(kind: type[Effect]) -> bool:
     """Return whether an effect's torque follows from the motion alone, so that a simulated motion can hold it."""
     torque = kind.simulated == "torque" and not kind.memory and not kind.local
+    torque = torque and kind.by_motion
     return torque and kind.nuisance is None and kind.corrects is None and kind.place in ("motor", "link")
 
 

@@ -126,6 +126,8 @@ class Effect(ABC):
     """Why physics allows amplitudes of both signs; empty: those in their bounds, of friction what does not drive."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
+    by_motion: ClassVar[bool] = True
+    """Whether a motion that is simulated under commands can hold it beside the dry friction that it has itself."""
     searched: ClassVar[bool] = True
     """Whether a diagnosis tries the effect by itself."""
     corrects: ClassVar[Channel | None] = None

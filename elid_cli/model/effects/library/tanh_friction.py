@@ -1,0 +1,58 @@
+"""Coulomb friction that is smoothed by the hyperbolic tangent of the speed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
+from elid_cli.model.effects.rows import motor_row
+from elid_cli.model.effects.scene import Scene
+
+SLOW = 0.1
+"""Part of the top speed below which a joint is about to reverse."""
+SAMPLES = 4.0
+"""Samples that a reversal takes to pass the speed, at least."""
+
+
+class TanhFriction(Effect):
+    """Coulomb friction that turns gradually with the speed, over a width that the tangent gives.
+
+    A simulated motion under commands takes dry friction for itself: it finds `softens` there.
+    """
+
+    name = "tanh_friction"
+    title = "tanh friction"
+    summary = "Coulomb friction that turns gradually with the speed, as tanh of it"
+    equation = "motor equation: friction (tanh(θ'/velocity) - sign(θ'))"
+    physics = (
+        "Simulators and friction compensators make friction smooth by tanh of the speed over a width. Lubricated"
+        " contacts and cables, which give a little before they slide, look much the same."
+    )
+    typical = "velocity 0.005-0.2 rad/s at the joint"
+    fingerprint = "motor side and whole joint, at the reversals of the motion, over a range of speeds"
+    record = "many reversals, slow and fast ones; a joint that rests under a constant load shows whether it creeps"
+    place = "motor"
+    takes_energy = True
+    of_motor_speed = True
+    by_motion = False
+    amplitudes = (Parameter("friction", "N·m", "Coulomb friction that turns gradually; all that fs has", low=0.0),)
+    shapes = (Parameter("velocity", "rad/s", "speed at which three quarters of friction act", low=3e-4),)
+    example = {"friction": 0.3, "velocity": 0.05}
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return speeds below half the top speed that a reversal takes several samples to pass.
+
+        In fewer, the smoothed velocity of a joint that sticks and starts again looks the same.
+        """
+        top, speed = scene.top_speed(joint), scene.speed(joint)
+        slow = speed < SLOW * top
+        if not top > 0 or not slow.any():
+            return []
+        passed = SAMPLES * scene.dt * float(np.median(np.abs(scene.motion.ddtheta[slow, joint])))
+        return [(part * top,) for part in (0.01, 0.03, 0.1, 0.3) if part * top >= passed]
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the column of the amplitude in the motor row."""
+        speed = scene.motion.dtheta[:, self.joint]
+        return motor_row(self.joint, np.tanh(speed / self.shape[0]) - scene.direction(self.joint))
