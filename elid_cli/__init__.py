@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from elid_cli.diagnosis.diagnose import DiagnoseOptions, diagnose
     from elid_cli.diagnosis.result import Diagnosis
     from elid_cli.errors import DataError, ElidError, LogError, RobotError, UsageError
-    from elid_cli.estimation.comparison import Comparison, SavedResult, compare, read_result
-    from elid_cli.estimation.identify import Identified, identify, identify_logs
+    from elid_cli.estimation.comparison import Comparison, Comparisons, SavedResult, compare, read_result
+    from elid_cli.estimation.identified import Identified
+    from elid_cli.estimation.identify import identify, identify_logs
     from elid_cli.estimation.judgement import JointError
     from elid_cli.estimation.physical.nearest import PhysicalParameters, make_physical
     from elid_cli.estimation.refined_robot import identified_robot
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from elid_cli.experiment.resolve.question import Question, question_of, read_question
     from elid_cli.experiment.simulation.run import SimulationOptions, simulate
     from elid_cli.experiment.simulation.sensors import SensorOptions
+    from elid_cli.logs.arrays import recording_of
     from elid_cli.logs.inspect import LogInfo, inspect_log
     from elid_cli.logs.mapping.options import read_map_options
     from elid_cli.logs.reading import read_recording
@@ -54,8 +56,9 @@ _PLACES = {
     "diagnosis.diagnose": "DiagnoseOptions diagnose",
     "diagnosis.result": "Diagnosis",
     "errors": "DataError ElidError LogError RobotError UsageError",
-    "estimation.comparison": "Comparison SavedResult compare read_result",
-    "estimation.identify": "Identified identify identify_logs",
+    "estimation.comparison": "Comparison Comparisons SavedResult compare read_result",
+    "estimation.identified": "Identified",
+    "estimation.identify": "identify identify_logs",
     "estimation.judgement": "JointError",
     "estimation.physical.nearest": "PhysicalParameters make_physical",
     "estimation.refined_robot": "identified_robot",
@@ -73,6 +76,7 @@ _PLACES = {
     "experiment.resolve.question": "Question question_of read_question",
     "experiment.simulation.run": "SimulationOptions simulate",
     "experiment.simulation.sensors": "SensorOptions",
+    "logs.arrays": "recording_of",
     "logs.inspect": "LogInfo inspect_log",
     "logs.mapping.options": "read_map_options",
     "logs.reading": "read_recording",
@@ -93,6 +97,7 @@ __all__ = [
     "BaseEstimate",
     "BaseParameters",
     "Comparison",
+    "Comparisons",
     "DataError",
     "DiagnoseOptions",
     "Diagnosis",
@@ -148,6 +153,7 @@ __all__ = [
     "read_recording",
     "read_result",
     "read_robot",
+    "recording_of",
     "reduced_logs",
     "replay",
     "resolve",

@@ -42,6 +42,7 @@ from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.fitting_robot import check_joints
 from elid_cli.signals.repeating import repeats_every
 from elid_cli.signals.signals import Signals, prepare
 
@@ -137,6 +138,7 @@ def diagnose(
     UsageError
         An effect that can act at no joint, or a motion that cannot judge this log.
     """
+    check_joints(signals.joints, robot)
     options, signals = options or DiagnoseOptions(), as_told(robot, signals)
     able = options.by != "torque" and signals.recording is not None and by_motion(robot, signals.recording)
     if options.by == "motion" and not able:

@@ -211,7 +211,14 @@ def saved_object(path: str | Path) -> Mapping[str, Any]:
     return data
 
 
-def compare(results: Sequence[Result]) -> tuple[Comparison, ...]:
+class Comparisons(tuple[Comparison, ...], Shown):
+    """Results compared with the first one: a tuple that prints as the tables of ``elid compare``."""
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} x Comparison>"
+
+
+def compare(results: Sequence[Result]) -> Comparisons:
     """Compare every result with the first.
 
     Parameters
@@ -227,7 +234,7 @@ def compare(results: Sequence[Result]) -> tuple[Comparison, ...]:
     if len(results) < 2:
         raise UsageError("compare: one result given, at least two are needed", hint="elid compare A.json B.json")
     first, *others = as_saved(results)
-    return tuple(_compare(first, other) for other in others)
+    return Comparisons(_compare(first, other) for other in others)
 
 
 def _compare(first: SavedResult, other: SavedResult) -> Comparison:

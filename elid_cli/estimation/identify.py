@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_pull_of_noise, with_scatter, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
+from elid_cli.estimation.identified import Identified
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.known_load import with_load
 from elid_cli.estimation.motor_side.door import asked_motor_side, asks, fitted_below, with_motor_side
@@ -28,7 +28,7 @@ from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings, rotor_warnings
 from elid_cli.estimation.smooth_commands import as_told, noted
-from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
+from elid_cli.estimation.validation.prediction import errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import nuisance_of
@@ -38,7 +38,7 @@ from elid_cli.model.effects.shifts import free_of_delays
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.fitting_robot import check_joints
 from elid_cli.signals.signals import Signals
 
 __all__ = [
@@ -114,6 +114,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         from elid_cli.estimation.classical import identify_paper
 
         return identify_paper(robot, signals, options)
+    check_joints(signals.joints, robot)
     signals = as_told(robot, signals)
     return noted(_identify(robot, signals, options), signals.recording)
 
@@ -166,15 +167,6 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
             return answer
         found = replace(answer, robot=found.robot)
     return found if robot is plain else replace(found, robot=plain)
-
-
-class Identified(NamedTuple):
-    """What was found, from what, how it fits each of several logs, and the signals where they are at hand."""
-
-    found: Identification
-    recording: Recording
-    apart: tuple[ByLog, ...]
-    signals: Signals | None
 
 
 def identify_logs(

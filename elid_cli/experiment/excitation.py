@@ -63,6 +63,15 @@ class ExciteOptions:
     """Steps of each of the two rounds of optimisation."""
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        """Refuse a motion that takes no time, or that nothing is tried for (UsageError)."""
+        for name in ("duration", "interval", "residual"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise UsageError(f"ExciteOptions: {name} {value:g} is not above 0")
+        if self.starts < 1 or self.rounds < 0:
+            raise UsageError("ExciteOptions: starts is at least 1, rounds at least 0")
+
 
 @dataclass(frozen=True, repr=False)
 class Excitation(Shown):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.experiment.information import Information, States
 from elid_cli.model.base_parameters import BaseParameters
@@ -45,7 +46,11 @@ def forecast(information: Information, base: BaseParameters, states: States, res
     robot = information.model.robot
     recording = _played(information, robot, states)
     # noise is what limits a real log's bandwidth; this one has none, so the usual filter is asked for
-    signals = prepare(recording, robot, SignalOptions())
+    try:
+        signals = prepare(recording, robot, SignalOptions())
+    except LogError as error:
+        told = f"a motion of {recording.duration:.3g} s is too short to identify anything from"
+        raise UsageError(told, detail=error.detail, hint="give a longer duration") from error
     seen = observe(Regressor(robot), signals)
     rows, noise = _weighted(seen, base, residual)
     taps = signals.filter.taps / signals.filter.taps.sum()

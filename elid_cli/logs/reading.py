@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from elid_cli.logs.mapping.plan import Layer, Placement, ReadPlan
 from elid_cli.logs.mapping.profiles import known_messages
 from elid_cli.logs.mapping.resolve import resolve
 from elid_cli.logs.mapping.suggest import proposal
-from elid_cli.logs.repair.align import Aligned, align
+from elid_cli.logs.repair.align import Aligned, align, resampled
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
 from elid_cli.logs.repair.reachable import Sampled
 from elid_cli.logs.repair.sample_times import at_even_times
@@ -42,15 +42,15 @@ OPTIONAL = ("dq", "dtheta", "tau_link", "temperature", *INERTIAL, *COMMANDS)
 
 
 @dataclass(frozen=True)
-class _Options:
+class Options:
     """How to read, the same for every log of a call."""
 
     robot: Robot
     mapping: Mapping[str, Any] | None
     strict: bool
     rate: float | None
-    time_source: str
-    spans: Spans
+    time_source: str = "auto"
+    spans: Spans = ()
     """What is left out, s."""
 
 
@@ -104,11 +104,20 @@ def read_recording(
     """
     if isinstance(paths, str | Path):
         paths = [paths]
-    options = _Options(robot, mapping, strict, rate, time_source, left_out_of(mapping, len(paths)))
+    sources = (
+        open_source(path, None if progress is None else _part_of(progress, index, len(paths)))
+        for index, path in enumerate(paths)
+    )
+    spans = left_out_of(mapping, len(paths))
+    return read_sources(sources, Options(robot, mapping, strict, rate, time_source, spans))
+
+
+def read_sources(opening: Iterable[Source], options: Options) -> Recording:
+    """Return the logs of some sources as one recording; see `read_recording`."""
+    robot, mapping = options.robot, options.mapping
     parts: list[_Part] = []
     sources = []
-    for index, path in enumerate(paths):
-        source = open_source(path, None if progress is None else _part_of(progress, index, len(paths)))
+    for index, source in enumerate(opening):
         sources.append(source)
         opened = recognise(source).open(source)
         left_out_of(mapping, len(opened), "episodes of a file")
@@ -145,7 +154,7 @@ def _part_name(source: Source, raw: RawLog) -> str:
     return "standard input" if own == "-" else own
 
 
-def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
+def _read(raw: RawLog, name: str, index: int, options: Options) -> _Part:
     robot = options.robot
     raw = reshaped(raw, options.mapping, robot.log)
     plan = _plan_of(raw, robot, options.mapping)
@@ -288,9 +297,9 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         signals |= {s: part.checked.optional.get(s, empty) for s in optional}
         t, bounds = aligned.t, list(aligned.segments)
         if abs(aligned.dt - dt) > SAME_RATE * dt:
-            resampled = f"{1 / aligned.dt:.6g} Hz resampled to {1 / dt:.6g} Hz, the rate of the first log"
-            said["repairs"].append((name, [resampled]))
-            t, signals, bounds = _resampled(aligned, signals, dt)
+            words = f"{1 / aligned.dt:.6g} Hz resampled to {1 / dt:.6g} Hz, the rate of the first log"
+            said["repairs"].append((name, [words]))
+            t, signals, bounds = resampled(aligned, signals, dt)
         times.append(t + begin)
         bridged += [(signal, joint, when + begin) for signal, joint, when in aligned.bridged]
         for signal, values in signals.items():
@@ -325,23 +334,3 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         bridged=tuple(bridged),
         parts=len(parts),
     )
-
-
-def _resampled(
-    aligned: Aligned, signals: Mapping[str, Array], dt: float
-) -> tuple[Array, dict[str, Array], list[tuple[int, int]]]:
-    """Bring a log to another sample time, stretch by stretch."""
-    from elid_cli.logs.repair.grid import interpolate
-
-    pieces: dict[str, list[Array]] = {signal: [] for signal in signals}
-    times: list[Array] = []
-    bounds: list[tuple[int, int]] = []
-    for start, stop in aligned.segments:
-        t = aligned.t[start:stop]
-        at = t[0] + dt * np.arange(int(np.floor((t[-1] - t[0]) / dt + 1e-9)) + 1)
-        for signal, values in signals.items():
-            pieces[signal].append(interpolate(t, values[start:stop], at))
-        first = bounds[-1][1] if bounds else 0
-        bounds.append((first, first + at.size))
-        times.append(at)
-    return np.concatenate(times), {signal: np.concatenate(parts) for signal, parts in pieces.items()}, bounds

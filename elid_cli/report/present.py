@@ -158,10 +158,23 @@ def _validation(found: Validation) -> View:
 
 
 def _comparison(found: Comparison) -> View:
+    return _comparisons([found])
+
+
+def _comparisons(found: Sequence[Comparison]) -> View:
+    """Return the view of several; where there are more than one, rows of the table say of which result they are."""
     from elid_cli.report.answers.comparison import comparison_report
 
-    report = comparison_report([found], SIGMAS)
-    return View(lambda: report.sections, lambda: report.payload, lambda values: values["comparisons"][0]["changes"])
+    report = comparison_report(found, SIGMAS)
+    return View(
+        lambda: report.sections,
+        lambda: report.payload,
+        lambda values: [
+            {**({"result": one["after"]} if len(found) > 1 else {}), **change}
+            for one in values["comparisons"]
+            for change in one["changes"]
+        ],
+    )
 
 
 def _trends(found: Trends) -> View:
@@ -264,6 +277,7 @@ def _samples(found: Recording) -> Mapping[str, Any]:
 _VIEWS: dict[str, Callable[[Any], View]] = {
     "BaseParameters": _base,
     "Comparison": _comparison,
+    "Comparisons": _comparisons,
     "Diagnosis": _diagnosis,
     "Excitation": _excitation,
     "Resolution": _resolution,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from elid_cli.errors import UsageError
+
 RATE_PER_CUTOFF = 5.0
 """Samples kept per second for every Hz of cut-off."""
 DIAGNOSIS_CUTOFF = 25.0
@@ -36,6 +38,15 @@ class SignalOptions:
     commands: Literal["held", "smooth"] | None = None
     """Whether commands are held for their sample, or change smoothly from one to the next; None: the log stays open
     there, and `identify` and `diagnose` decide by the motion."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that no filter can have (UsageError)."""
+        for name in ("cutoff", "rate", "knots", "butterworth", "order"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise UsageError(f"SignalOptions: {name} {value:g} is not above 0")
+        if self.min_velocity is not None and not self.min_velocity >= 0:
+            raise UsageError(f"SignalOptions: min_velocity {self.min_velocity:g} is negative")
 
     def of_log(self, rate: float) -> SignalOptions:
         """Return the options for a log of `rate` samples per second: a rate that told just that is no other wish."""

@@ -15,6 +15,7 @@ from elid_cli.errors import DataError, LogError, UsageError
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque, error_integrals
 from elid_cli.signals.excerpts import excerpts
+from elid_cli.signals.fitting_robot import check_fits
 from elid_cli.signals.knots import channels_of, filtered, splined
 from elid_cli.signals.lowpass import LowPass, low_pass
 from elid_cli.signals.motion import Motion, joined_motion
@@ -199,6 +200,7 @@ def prepare(
         Smooth commands of a log that holds torques, or a cut-off that it has no frequencies above.
     """
     options = options or SignalOptions()
+    check_fits(recording, robot)
     recording = with_commands(recording, options.commands, commanded=bool(recording.commanded.all()))
     dt = recording.dt
     usual = EFFECT_CUTOFF if robot.effects else DEFAULT_CUTOFF

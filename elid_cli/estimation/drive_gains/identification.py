@@ -13,7 +13,8 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.drive_gains.payload import declared, effect_of
 from elid_cli.estimation.drive_gains.solve import DriveRows, PairFit, fit_pair
-from elid_cli.estimation.identify import EstimateOptions, Identified, identify
+from elid_cli.estimation.identified import Identified
+from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.reading import read_signals
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.request import LogRequest

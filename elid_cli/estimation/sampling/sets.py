@@ -87,9 +87,11 @@ def sample(
     Raises
     ------
     UsageError
-        Results of unlike robots, or a robot that lacks their joints or parameters, or the effects that a diagnosis
-        found.
+        No set is asked for, results of unlike robots, or a robot that lacks their joints or parameters, or the effects
+        that a diagnosis found.
     """
+    if count < 1:
+        raise UsageError(f"{count} parameter sets are none", hint="draw 1 or more")
     told = [as_distribution(result, number) for number, result in enumerate(results, start=1)]
     found = pooled(told)
     generator = np.random.default_rng(seed)

@@ -14,7 +14,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.mapping.language import COMMANDS
 from elid_cli.logs.repair.asked import without
 from elid_cli.logs.repair.drives_off import drives_off
-from elid_cli.logs.repair.grid import Grid, grid_of, identical, onto, regularised
+from elid_cli.logs.repair.grid import Grid, grid_of, identical, interpolate, onto, regularised
 from elid_cli.logs.repair.reachable import SHORTEST, Sampled, possible
 from elid_cli.logs.repair.samples import fill, without_glitches
 from elid_cli.logs.repair.timeline import Timeline, build
@@ -303,3 +303,21 @@ def _stands_still(name: str, label: str, repeated: int, samples: int, other: str
 
 def _same(a: Array, b: Array) -> bool:
     return a is b or (a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True)))
+
+
+def resampled(
+    aligned: Aligned, signals: Mapping[str, Array], dt: float
+) -> tuple[Array, dict[str, Array], list[tuple[int, int]]]:
+    """Bring a log to another sample time, stretch by stretch."""
+    pieces: dict[str, list[Array]] = {signal: [] for signal in signals}
+    times: list[Array] = []
+    bounds: list[tuple[int, int]] = []
+    for start, stop in aligned.segments:
+        t = aligned.t[start:stop]
+        at = t[0] + dt * np.arange(int(np.floor((t[-1] - t[0]) / dt + 1e-9)) + 1)
+        for signal, values in signals.items():
+            pieces[signal].append(interpolate(t, values[start:stop], at))
+        first = bounds[-1][1] if bounds else 0
+        bounds.append((first, first + at.size))
+        times.append(at)
+    return np.concatenate(times), {signal: np.concatenate(parts) for signal, parts in pieces.items()}, bounds

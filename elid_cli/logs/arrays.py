@@ -1,0 +1,93 @@
+"""Signals that a program holds as arrays, read as a log of them would be."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from elid_cli.errors import LogError, did_you_mean
+from elid_cli.logs.mapping.language import GAINS, SIGNALS
+from elid_cli.logs.mapping.left_out import left_out_of
+from elid_cli.logs.reading import Options, read_sources
+from elid_cli.logs.source import Source
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+
+NAME = "arrays"
+"""What messages and reports call the log."""
+
+
+def recording_of(
+    robot: Robot,
+    signals: Mapping[str, ArrayLike],
+    *,
+    joints: Sequence[str] | None = None,
+    rate: float | None = None,
+    mapping: Mapping[str, Any] | None = None,
+    strict: bool = False,
+) -> Recording:
+    """Return arrays as a recording: placed, aligned and checked as the same numbers in a file would be.
+
+    Parameters
+    ----------
+    robot
+        Whose joints are used.
+    signals
+        ``t`` (N,), s, and signals by their names (docs/reference/formats.md: ``q theta tau dq …``), each (N, n), SI:
+        positions and velocities of motors divided by the gear ratio, torques at the joint, NaN where a sample is
+        missing. Gains ``kp`` and ``kd`` may be one number, or one per joint.
+    joints
+        Names of the columns, n; None: those of the robot in its order. Others than the robot's are left out.
+    rate
+        Sample rate, Hz, where there is no ``t``.
+    mapping, strict
+        As of `read_recording`.
+
+    Raises
+    ------
+    LogError
+        A name that is no signal, shapes that do not fit together, or a log that cannot be used.
+    UsageError
+        The mapping is wrong.
+    """
+    names = tuple(robot.joint_names if joints is None else joints)
+    arrays = {name: _values(name, values, names) for name, values in signals.items()}
+    lengths = {name: len(values) for name, values in arrays.items() if name not in GAINS or values.ndim == 2}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise LogError(f"{NAME}: signals of different lengths", detail=f"samples: {said}")
+    data = io.BytesIO()
+    np.savez(data, joint_names=np.array(names), **arrays)
+    source = Source(NAME, data=data.getvalue())
+    try:
+        return read_sources([source], Options(robot, mapping, strict, rate, spans=left_out_of(mapping, 1)))
+    except LogError as error:
+        if "--map" in error.hint:
+            error.hint = f"give it among the signals; these are {', '.join(arrays) or 'none'}"
+        raise
+
+
+def _values(name: str, values: ArrayLike, joints: Sequence[str]) -> Any:
+    """Return a signal's numbers in the shape that a log has them (LogError)."""
+    if name != "t" and name not in SIGNALS:
+        raise LogError(f"{NAME}: no signal is called {name!r}", hint=did_you_mean(name, ("t", *SIGNALS)))
+    try:
+        found = np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise LogError(f"{NAME}: {name} does not hold numbers", detail=str(error)) from error
+    if name == "t" or (name in GAINS and found.ndim < 2):
+        if found.ndim > 1:
+            raise LogError(f"{NAME}: t has the shape {found.shape}", hint="one time per sample: (N,)")
+        return np.atleast_1d(found)
+    found = found[:, None] if found.ndim == 1 else found
+    if found.ndim != 2 or found.shape[1] != len(joints):
+        raise LogError(
+            f"{NAME}: {name} has the shape {np.shape(values)}",
+            detail=f"joints: {', '.join(joints)}",
+            hint=f"one column per joint: (N, {len(joints)}); name other columns with joints=",
+        )
+    return found

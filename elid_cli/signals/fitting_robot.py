@@ -1,0 +1,50 @@
+"""Whether a recording that a program made fits a robot: `read_recording` and `recording_of` make only such."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elid_cli.errors import LogError
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import MEASURED, Recording
+
+UNEVEN = 0.01
+"""Part of the sample time by which that of `t` may differ."""
+HINT = "recording_of makes a recording from arrays: in the robot's order, aligned and checked"
+
+
+def check_joints(joints: Sequence[str], robot: Robot, name: str = "signals") -> None:
+    """Refuse what has the columns of other joints than the robot's, or in another order (LogError)."""
+    if tuple(joints) != robot.joint_names:
+        raise LogError(
+            f"{name}: the joints are {', '.join(joints)}",
+            detail=f"{robot.name!r} has {', '.join(robot.joint_names)}, and columns are taken in that order",
+            hint=HINT,
+        )
+
+
+def check_fits(recording: Recording, robot: Robot) -> None:
+    """Refuse a recording of other joints, with arrays of other shapes or with times of another rate (LogError)."""
+    name = ", ".join(recording.files) or "recording"
+    check_joints(recording.joints, robot, name)
+    wanted = (recording.samples, robot.n)
+    for signal in (*MEASURED, *recording.commands, *recording.gyro, *recording.accel):
+        values = recording.signal(signal)
+        if values is not None and values.shape != wanted:
+            raise LogError(
+                f"{name}: {signal} has the shape {values.shape}",
+                detail=f"{recording.samples} times and {robot.n} joints want {wanted}",
+                hint=HINT,
+            )
+    if not recording.segments:
+        raise LogError(f"{name}: it has no segments", detail="nothing says which samples belong together", hint=HINT)
+    longest = max(recording.segments, key=len)
+    times = recording.t[longest.start : longest.stop]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else recording.dt
+    if not abs(step - recording.dt) <= UNEVEN * recording.dt:
+        raise LogError(
+            f"{name}: its times are {step:.6g} s apart and dt says {recording.dt:.6g} s",
+            hint=HINT,
+        )
