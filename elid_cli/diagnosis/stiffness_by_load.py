@@ -86,7 +86,7 @@ def _pulled(state: State, joint: int, load: Array, known: NDArray[np.bool_]) -> 
     """
     log, solution, covariance = state.log, state.solution, state.covariance
     place = np.flatnonzero(solution.basis == log.model.index[StandardParameter("K", joint)])
-    left = deciding_deflection(log.model, state.triangles, solution.basis, joint)
+    left = deciding_deflection(log.model, state.triangles, solution, joint)
     noise = deflection_noise(log.signals, joint)
     if not len(place) or left is None or not np.isfinite(noise):
         return 0.0

@@ -34,7 +34,7 @@ NO_MOTOR_TORQUE = "no motor torque in this log"
 def judged(fit: DefaultFit, options: EstimateOptions) -> tuple[DefaultFit, dict[str, str], Identification]:
     """Return a fit whose standard errors know of the encoders' noise, what that noise refuses, and what it all says."""
     noise = fit.data.facts.deflection_noise
-    refused = stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, noise)
+    refused = stiffness_in_noise(fit.model, fit.triangles, fit.solution, noise)
     robot = fit.model.robot
     for k, joint in enumerate(robot.joints):
         if joint.torque_at == "link":

@@ -30,13 +30,13 @@ COLLAPSED = 0.5
 """Share from which so little is left of K in the fit that what the spring passes on falls to the rotor."""
 
 
-def stiffness_in_noise(model: Regressor, triangles: Triangles, basis: NDArray[np.intp], noise: Array) -> dict[str, str]:
+def stiffness_in_noise(model: Regressor, triangles: Triangles, solution: Solution, noise: Array) -> dict[str, str]:
     """Return stiffness parameters that deflections with this noise cannot support, with the reason.
 
     Parameters
     ----------
-    model, triangles, basis
-        The robot, the reduced logs, and the columns that were solved for.
+    model, triangles, solution
+        The robot, the reduced logs, and what was solved for.
     noise
         Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
     """
@@ -44,7 +44,7 @@ def stiffness_in_noise(model: Regressor, triangles: Triangles, basis: NDArray[np
     for k, joint in enumerate(model.robot.joints):
         if not joint.elastic:
             continue
-        left = deciding_deflection(model, triangles, basis, k)
+        left = deciding_deflection(model, triangles, solution, k)
         if left is None:
             continue
         share = float(noise[k] ** 2 / max(left, 1e-300))
@@ -79,7 +79,7 @@ def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covari
         if not joint.elastic:
             continue
         place = np.flatnonzero(solution.basis == model.index[StandardParameter("K", k)])
-        left = deciding_deflection(model, triangles, solution.basis, k) if len(place) else None
+        left = deciding_deflection(model, triangles, solution, k) if len(place) else None
         if left is None or not left > 0 or not np.isfinite(noise[k]):
             continue
         own = int(place[0])
@@ -125,7 +125,7 @@ def taken_over(
     """
     lost = []
     for k, joint in enumerate(model.robot.joints):
-        left = deciding_deflection(model, triangles, solution.basis, k) if joint.elastic else None
+        left = deciding_deflection(model, triangles, solution, k) if joint.elastic else None
         if left is not None and noise[k] ** 2 > COLLAPSED * left:
             lost.append(_taken_by_rotor(model, triangles, solution, k, columns) / math.sqrt(3.0))
     return np.array(lost).T.reshape(len(solution.basis), -1)
@@ -174,13 +174,29 @@ def _taken_by_rotor(
     return -change * float(solution.values[basis[rotor[0]]])
 
 
-def deciding_deflection(model: Regressor, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
+def deciding_deflection(model: Regressor, triangles: Triangles, solution: Solution, joint: int) -> float | None:
     """Return the mean square of the deflection that the other columns of its row leave, rad² (m²).
 
-    Where a joint torque sensor gives it a second row, the one in which more is left decides.
+    Where a joint torque sensor gives it a second row, the one in which more is left decides. Where an effect has a
+    column in the row, what the other rows say of that counts as well: a gain of the torque looks like the stiffness
+    there, and is told by other joints' torques.
     """
-    left = [_left(model, chosen, basis, joint) for row in _ROWS if (chosen := triangles.of(EstimationRow(row, joint)))]
+    left = []
+    for row in (EstimationRow(kind, joint) for kind in _ROWS):
+        chosen = triangles.of(row)
+        if chosen:
+            left += [_left(model, chosen, solution.basis, joint), _left_by_all(model, chosen, solution, row)]
     return max((value for value in left if value is not None), default=None)
+
+
+def _left_by_all(model: Regressor, chosen: list[Triangle], solution: Solution, row: EstimationRow) -> float | None:
+    """Return what all rows together leave of the deflection where an effect has a column in its row; else None."""
+    own = np.flatnonzero(solution.basis == model.index[StandardParameter("K", row.joint)])
+    weight = solution.weights.get(row, 0.0)
+    if not len(own) or not weight or not np.any(chosen[0].index >= model.parameters):
+        return None
+    variance = float(np.sum(solution.inverse[own[0]] ** 2))
+    return 1.0 / (variance * weight**2 * sum(t.count for t in chosen))
 
 
 def _left(model: Regressor, chosen: list[Triangle], basis: NDArray[np.intp], joint: int) -> float | None:

@@ -79,7 +79,7 @@ def test_the_pull_is_the_noises_share_of_the_deciding_deflection() -> None:
     noise = fit.data.facts.deflection_noise
     for number, name in enumerate(("K1", "K2")):
         one, own = np.where(np.arange(2) == number, noise, 0.0), place(fit, name)
-        left = deciding_deflection(fit.model, fit.triangles, fit.solution.basis, number)
+        left = deciding_deflection(fit.model, fit.triangles, fit.solution, number)
         assert left is not None
         stiffness = fit.solution.values[fit.model.index[name]]
         pulls = [np.sqrt(widened(fit, size * one)[own, own]) for size in (1.0, 2.0, 1e6)]
