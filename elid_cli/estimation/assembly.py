@@ -21,6 +21,8 @@ from elid_cli.estimation.validation.column_noise import joined, pull_of
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.estimation.validation.verdicts import Estimates, judge, shortfall, suspicious, torque_scale
 from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -233,10 +235,37 @@ def _effects(fit: DefaultFit) -> tuple[FittedEffect, ...]:
         return ()
     found = []
     for item, place in zip(fit.effects.effects, fit.amplitude_places, strict=True):
-        named = item.effect.named(fit.effects.scene, fit.solution.values[place])
-        errors = {p.name: _deviation(fit, place.start + d) for d, p in enumerate(item.effect.amplitudes)}
-        found.append(FittedEffect(item.spec.effect, item.spec.joint, named, errors))
+        scene, values = fit.effects.scene, fit.solution.values[place]
+        named = item.effect.named(scene, values)
+        found.append(
+            FittedEffect(
+                item.spec.effect, item.spec.joint, named, _named_errors(fit, item.effect, scene, values, place)
+            )
+        )
     return tuple(found)
+
+
+def _named_errors(fit: DefaultFit, effect: Effect, scene: Scene, values: Array, place: slice) -> dict[str, float]:
+    """Return standard errors of an effect's amplitudes as files name them, by first order; NaN where not estimated."""
+    columns = range(place.start, place.stop)
+    kept = [(k, int(w[0])) for k, c in enumerate(columns) if len(w := np.flatnonzero(fit.solution.basis == c))]
+    if len(kept) < len(columns):
+        return {p.name: _deviation(fit, place.start + d) for d, p in enumerate(effect.amplitudes)}
+    spread = fit.covariance if fit.scatter is None else at_least(fit.covariance, np.diag(fit.scatter))
+    own = spread[np.ix_([at for _, at in kept], [at for _, at in kept])]
+    named = effect.named(scene, values)
+    slopes = []
+    for k, _ in kept:
+        step = 1e-4 * max(float(np.abs(values[k])), 1e-9)
+        moved = effect.named(scene, values + step * np.eye(len(values))[k])
+        slopes.append([(moved[name] - value) / step for name, value in named.items()])
+    variance = np.einsum("ka,kl,la->a", np.array(slopes), own, np.array(slopes))
+    amplitudes = {p.name for p in effect.amplitudes}
+    return {
+        name: float(np.sqrt(max(v, 0.0)))
+        for name, v in zip(named, variance, strict=True)
+        if name in amplitudes or v > 0
+    }
 
 
 def _settings(data: FitData, options: EstimateOptions) -> dict[str, object]:
