@@ -16,6 +16,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.checks.units_and_signs import unit_lines
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
+from elid_cli.logs.mapping.joints_in_names import names_in_columns
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import ReadPlan
@@ -120,7 +121,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     works = partial(fits, raw.channels, chosen) if robot is not None else lambda line: True
     if not any(info.rate for info in infos):  # named or not, nothing serves as time
         missing, wanted = ("t", *missing), tuple(dict.fromkeys(("t", *wanted)))
-        reasons["t"] = "nothing holds times that advance"
+        reasons["t"] = "nothing holds times that advance" if plan.time is not None else "nothing is called t or time"
     proposed, link = proposal(raw, chosen, raw.channels, wanted, works)
     # the lines of a chain are of fewer joints than the robot has
     fresh = [line for line in proposed.splitlines() if line.partition(":")[0] not in plan.placements and not link]
@@ -258,6 +259,8 @@ def _joint_names(raw: RawLog) -> tuple[str, ...]:
     named = [m.group(1) for c in raw.channels if (m := re.fullmatch(r"/?(?:q|theta|tau)[./](.+)", c.source))]
     if named:
         return tuple(dict.fromkeys(named))
+    if joints := names_in_columns([c.source for c in raw.channels if c.width == 1 and not c.field]):
+        return joints
     wide = [channel.width for channel in raw.channels if channel.source in ("/q", "/theta", "/tau")]
     numbers = {int(m.group(1)) for c in raw.channels if (m := re.match(r"[A-Za-z_]+(\d+)", c.source))}
     count = wide[0] if wide else max((number for number in numbers if number < 100), default=1)
