@@ -16,7 +16,7 @@ from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
-from elid_cli.diagnosis.lower_cutoff import looked_closer
+from elid_cli.diagnosis.lower_cutoff import looked_closer, names_of
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
@@ -29,6 +29,7 @@ from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
+from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.errors import UsageError
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.regression.observation import observe
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 
 
+ENOUGH = 0.5
+"""Part of what was unexplained, in times the noise, to which an effect on other stretches must bring it down."""
 HARM = 0.01
 """Part of the held-out error by which a limit of the torque may make it larger."""
 
@@ -72,8 +75,8 @@ class DiagnoseOptions:
     and `jobs` are of the search by torque alone."""
 
 
-def divided(robot: Robot, signals: Signals) -> Log:
-    """Return a log with its stretches divided into training folds and held-out ones."""
+def divided(robot: Robot, signals: Signals, *, others: bool = False) -> Log:
+    """Return a log with its stretches divided into training folds and held-out ones; `others`: than the usual ones."""
     level, model = robot, Regressor(levelled(robot))
     shifts = declared_shifts(model.robot)
     moved_signals = corrected(signals, shifts)
@@ -83,7 +86,8 @@ def divided(robot: Robot, signals: Signals) -> Log:
         base=find_base(model),
         signals=moved_signals,
         observation=observation,
-        fold=search_folds(observation.instants),
+        fold=search_folds(observation.instants, others=others),
+        others=others,
         raw=signals,
         shifts=shifts,
         seen=shifts,
@@ -175,16 +179,23 @@ def diagnose_torque(
     Ctrl-C during the search ends it: the diagnosis is `partial` then and holds what was found so far.
 
     Where nothing is found at the log's cut-off, or identification sees more than noise at a lower one, effects are
-    looked for there as well (`looked_closer`).
+    looked for there as well (`looked_closer`). Where something happened on held-out stretches alone, they are looked
+    for once more with others held out.
     """
     chosen = options or DiagnoseOptions()
     told = _by_torque(robot, signals, chosen, progress, usual)
+    if not told.partial and any(item.variable == HELD_OUT for item in told.unexplained):
+        seen = _by_torque(robot, signals, chosen, progress, usual, others=True)
+        left, before = (max((item.ratio for item in one.unexplained), default=0.0) for one in (seen, told))
+        if left < ENOUGH * before and names_of(told) < names_of(seen):
+            told = seen
     return looked_closer(told, signals, lambda lower: _by_torque(robot, lower, chosen, progress, usual))
 
 
 def _by_torque(
-    robot: Robot, signals: Signals, options: DiagnoseOptions, progress: Progress | None, usual: Signals | None
-) -> Diagnosis:
+    robot: Robot, signals: Signals, options: DiagnoseOptions, progress: Progress | None, usual: Signals | None,
+    *, others: bool = False,
+) -> Diagnosis:  # fmt: skip
     yielding = (
         ()
         if signals.recording is None
@@ -192,7 +203,7 @@ def _by_torque(
     )
     robot = as_observed(robot, signals)
     _check_only(robot, options.only)
-    log = divided(robot, signals)
+    log = divided(robot, signals, others=others)
     library = {
         name: kind
         for name, kind in effect_classes().items()

@@ -57,7 +57,7 @@ def looked_closer(told: Diagnosis, signals: Signals, again: Callable[[Signals], 
         searched.append(cutoff)
         told = _told_anew(told, searched_at=tuple(searched))
         more = other.partial or (bool(other.effects or other.unexplained) if doubted else _borne_out(other))
-        if more and (other.partial or _named(told) <= _named(other)):
+        if more and (other.partial or names_of(told) <= names_of(other)):
             told = replace(other, searched_at=tuple(searched))
     return told if told.partial else _doubted(told)
 
@@ -77,7 +77,8 @@ def _borne_out(told: Diagnosis) -> bool:
     return any(after[name].rms < BETTER * error.rms for name, error in before.items() if name in after)
 
 
-def _named(told: Diagnosis) -> set[tuple[str, str | None]]:
+def names_of(told: Diagnosis) -> set[tuple[str, str | None]]:
+    """Return the effects that are named, with their joints."""
     return {(effect.effect, effect.joint) for effect in told.effects}
 
 

@@ -46,8 +46,17 @@ def touch(made: Made, joint: int, instant: float) -> Laws:
 
 
 @pytest.mark.parametrize("joint", [0, 1])
-def test_a_contact_that_the_search_cannot_see_is_not_called_noise(made: Made, joint: int) -> None:
+def test_a_contact_within_a_held_out_stretch_is_found_with_others_held_out(made: Made, joint: int) -> None:
     found = diagnosed(made, touch(made, joint, WITHIN), "contact", "stribeck")
+    assert all(not first - 0.1 < WITHIN < last + 0.1 for first, last in found.held_out)
+    assert [(effect.effect, effect.joint) for effect in found.effects] == [("contact", f"j{joint + 1}")]
+    assert found.effects[0].parameters["time"] == pytest.approx(WITHIN, abs=0.02)
+    assert found.effects[0].gain > 0.9
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_contact_that_the_search_cannot_see_is_not_called_noise(made: Made, joint: int) -> None:
+    found = diagnosed(made, touch(made, joint, WITHIN), "stribeck")
     first, last = found.held_out[1]
     assert first < WITHIN - 0.5
     assert last > WITHIN + 0.5

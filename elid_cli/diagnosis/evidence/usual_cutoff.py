@@ -72,5 +72,5 @@ def _as_identified(log: Log, usual: Signals) -> Signals | None:
 def _there(state: State, raw: Signals) -> State:
     """Return a state fitted to the same log at another cut-off, with its effects in the shapes that they have."""
     log = replace(state.log, raw=raw).shifted(state.log.shifts)
-    log = replace(log, fold=search_folds(log.observation.instants))
+    log = replace(log, fold=search_folds(log.observation.instants, others=log.others))
     return agreed(fit(log, state.effects, scene_of(log.model, log.signals, state.standard), but=state.but))

@@ -46,6 +46,8 @@ class Log:
     """The robot as described; the model's has its gravity turned by `tilt`."""
     tilt: Array
     """Roll and pitch by which gravity is turned, rad, (2,)."""
+    others: bool = False
+    """Whether other stretches than the usual ones are held out."""
 
     def shifted(self, shifts: Shifts) -> Log:
         """Return the log with other shifts of its channels."""
