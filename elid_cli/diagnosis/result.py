@@ -229,8 +229,16 @@ class Diagnosis(Shown):
 
     @property
     def written_robot(self) -> Robot:
-        """The robot with what was found, as ``--write-robot`` writes it."""
-        return self._published.robot
+        """The robot with what was found, as ``--write-robot`` writes it: without what happened in this log alone."""
+        robot, library = self._published.robot, effect_classes()
+        declared = [(spec.effect, spec.joint) for spec in self.robot.effects]
+        kept = (s for s in robot.effects if not library[s.effect].event or (s.effect, s.joint) in declared)
+        return replace(robot, effects=tuple(kept))
+
+    @property
+    def events(self) -> tuple[FoundEffect, ...]:
+        """What was found that happened in this log alone."""
+        return tuple(effect for effect in self.effects if effect_classes()[effect.effect].event)
 
     def certain(self, effect: FoundEffect) -> bool:
         """Whether an effect is told from what is locked in time: by a motion that does not repeat, or by the encoders.

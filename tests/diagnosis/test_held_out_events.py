@@ -13,6 +13,7 @@ from elid_cli.diagnosis.result import Unexplained
 from elid_cli.diagnosis.unexplained import HELD_OUT, UNSEEN, unseen
 from elid_cli.estimation.identify import JointError
 from elid_cli.model.regressor import Kind
+from elid_cli.report.answers.diagnosis import event_words
 from elid_cli.report.answers.diagnosis_tables import _left
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
@@ -52,6 +53,11 @@ def test_a_contact_within_a_held_out_stretch_is_found_with_others_held_out(made:
     assert [(effect.effect, effect.joint) for effect in found.effects] == [("contact", f"j{joint + 1}")]
     assert found.effects[0].parameters["time"] == pytest.approx(WITHIN, abs=0.02)
     assert found.effects[0].gain > 0.9
+    assert found.written_robot.effects == ()
+    assert (
+        event_words(found.events[0])
+        == f"The contact of j{joint + 1} at 8.1 s is of this log, not of the robot: left out."
+    )
 
 
 @pytest.mark.parametrize("joint", [0, 1])

@@ -84,7 +84,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         from elid_cli.estimation.identify import EstimateOptions, identify
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate
-        from elid_cli.report.answers.diagnosis import diagnosis_report
+        from elid_cli.report.answers.diagnosis import diagnosis_report, event_words
         from elid_cli.report.answers.diagnosis_input import Check, DiagnosisInput
 
         check_effects(search.only)
@@ -119,9 +119,11 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         if advance is not None:
             advance("judging", 0.5)
         published = found.identified_after
+        events = [event_words(event) for event in found.events] if files.write_robot and not found.partial else []
+        note([f"{path}: {sentence}" for path in files.write_robot for sentence in events], output, "left out")
+        said = (*remarks(published), *events) if files.write_robot else ()
         written = write_found(
-            Files() if found.partial else files, found.written_robot, remarks(published) if files.write_robot else (),
-            found.identified_with_effects, found.after,
+            Files() if found.partial else files, found.written_robot, said, found.identified_with_effects, found.after,
             lambda plain, _: identify(plain, signals, EstimateOptions(fit="torque")), output,
         )  # fmt: skip
         told = DiagnosisInput(

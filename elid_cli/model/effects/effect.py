@@ -114,6 +114,8 @@ class Effect(ABC):
     """Part of the held-out residual variance that a named effect takes away: smoothing imitates any less."""
     local: ClassVar[bool] = False
     """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
+    event: ClassVar[bool] = False
+    """Whether it is something that happened while one log was recorded, and nothing of the robot: no file holds it."""
     from_model: ClassVar[bool] = False
     """Whether the columns come from the present model's torques, so that a fit has to be repeated until both agree."""
     from_torque: ClassVar[bool] = False

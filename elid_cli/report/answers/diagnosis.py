@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from elid_cli.diagnosis import Diagnosis
+from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.result import Identification
 from elid_cli.report.answers import diagnosis_tables as tables
 from elid_cli.report.answers import inputs, summary
@@ -268,3 +269,10 @@ def _worse(found: Diagnosis) -> list[str]:
 
 def _files(recording: Recording) -> str:
     return ", ".join(recording.files)
+
+
+def event_words(effect: FoundEffect) -> str:
+    """Return that something happened in this log alone and is in no robot file, as a sentence."""
+    when = effect.parameters.get("time")
+    at = "" if when is None else f" at {number_text(when, 3)} s"
+    return f"The {effect.effect.replace('_', ' ')} of {effect.joint}{at} is of this log, not of the robot: left out."

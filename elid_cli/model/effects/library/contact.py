@@ -37,6 +37,7 @@ class Contact(Effect):
     )
     example = {"torque": 12.0, "time": 0.8, "width": 0.3}
     local = True
+    event = True
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
