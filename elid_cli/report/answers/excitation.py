@@ -38,7 +38,7 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
         KeyValues("facts", facts),
         limits_table(found),
         expected_table(found),
-        Text("next", _next(found.robot, robot_argument, file), "next"),
+        Text("next", trial_command(found.robot, robot_argument, file), "next"),
     ]  # fmt: skip
     return Report("excite", excitation_payload(found, file=file, rate=rate), tuple(sections))
 
@@ -56,14 +56,14 @@ def _answer(found: Excitation) -> str:
     )
 
 
-def _next(robot: Robot, argument: str, file: str) -> str:
-    """Return the command to try the motion with, or what to do where too little is known of the robot to simulate."""
+def trial_command(robot: Robot, argument: str, file: str, *options: str, log: str = "try.mcap") -> str:
+    """Return the command to try a motion with, or what to do where too little is known of the robot to simulate."""
     from elid_cli.model.dynamics import unknown_parameters
     from elid_cli.model.regressor import Regressor
     from elid_cli.robot.ideal import DRIVE
 
     missing = unknown_parameters(Regressor(robot), robot.reference())
-    simulate = ["elid", "simulate", "--robot", argument, "--reference", file, "-o", "try.mcap"]
+    simulate = ["elid", "simulate", "--robot", argument, "--reference", file, *options, "-o", log]
     if all(name.kind in DRIVE and not robot.elastic[name.joint] for name in missing):
         return shlex.join([*simulate, *(["--ideal-drives"] if missing else [])])
     return f"move the robot along {file} and record it, then: elid identify LOG --robot {shlex.quote(argument)}"

@@ -11,6 +11,9 @@ from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 from elid_cli.robot.robot import EffectSpec, Robot
 
+FOLLOWED = 0.1
+"""Part of a joint's range by which it may be off its reference, rms."""
+
 
 def simulation_report(robot: Robot, result: Simulation, options: SimulationOptions, robot_argument: str) -> Report:
     """Return the report of ``elid simulate``; `robot` with all effects that acted."""
@@ -30,6 +33,7 @@ def simulation_report(robot: Robot, result: Simulation, options: SimulationOptio
     sections: list[Section] = [
         heading(robot, result.recording),
         Text("answer", _answer(robot, result)),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(_lost(robot, result))),
         KeyValues("inputs", (*recorded_items(robot, result.recording), *_items(robot, result, options))),
         _motion_table(robot, result),
         Text("next", command("identify", result.recording, robot_argument), "next"),
@@ -47,6 +51,22 @@ def _answer(robot: Robot, result: Simulation) -> str:
         f"Simulated {size} of {robot.name}, {f'with {acting}' if acting else 'with no effect beyond its parameters'}; "
         f"the joints follow their reference to {off} or better."
     )
+
+
+def _lost(robot: Robot, result: Simulation) -> list[str]:
+    """Return which joints do not follow their reference: what their log shows is the controller's."""
+    lost = [
+        f"{joint.name} by {number_text(1e3 * facts.tracking, 2)} m{joint.units[0]} of {number_text(facts.range, 3)} "
+        f"{joint.units[0]}"
+        for joint, facts in zip(robot.joints, result.facts, strict=True)
+        if facts.tracking > FOLLOWED * facts.range
+    ]
+    if not lost:
+        return []
+    return [
+        f"the reference is not followed ({listed(lost)}, rms): the loop swings or its torque is at a limit; lower the "
+        "gains (--kp, --kd) or the motion's speed"
+    ]
 
 
 def _items(robot: Robot, result: Simulation, options: SimulationOptions) -> tuple[tuple[str, str], ...]:

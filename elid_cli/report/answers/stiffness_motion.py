@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import Any
 
 from elid_cli.experiment.stiffness_motion import LOWEST, StiffnessMotion
 from elid_cli.model.antiresonance import log_rate
-from elid_cli.report.answers.excitation import limits_payload, use_of_limits
+from elid_cli.report.answers.excitation import limits_payload, trial_command, use_of_limits
 from elid_cli.report.answers.inputs import heading, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 
@@ -22,13 +21,13 @@ def stiffness_motion_report(found: StiffnessMotion, robot_argument: str, file: s
         ("needs", f"a drive that follows ddq (inertia times ddq fed forward); a log of motor position and torque at "
                   f"{logged} Hz"),
     )  # fmt: skip
-    simulate = f"elid simulate --robot {shlex.quote(robot_argument)} --reference {shlex.quote(file)}"
+    following = trial_command(found.robot, robot_argument, file, "--rate", logged, log="try.h5")
     sections: list[Section] = [
         heading(found.robot),
         KeyValues("facts", facts),
         _multisines(found),
         use_of_limits(found.robot, found.used),
-        Text("next", f"{simulate} --rate {logged} -o try.h5", "next"),
+        Text("next", following, "next"),
     ]
     return Report("excite", stiffness_motion_payload(found, file=file, rate=rate), tuple(sections))
 
