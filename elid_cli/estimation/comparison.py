@@ -215,7 +215,7 @@ class Comparisons(tuple[Comparison, ...], Shown):
     """Results compared with the first one: a tuple that prints as the tables of ``elid compare``."""
 
     def __repr__(self) -> str:
-        return f"<{len(self)} x Comparison>"
+        return f"Comparisons(<{len(self)} x Comparison>)"
 
 
 def compare(results: Sequence[Result]) -> Comparisons:

@@ -161,7 +161,7 @@ def results(
         recording, identification, diagnosis, comparison, excitation, base, inspect_log(log),
         make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)), motion_diagnosis,
         replay(ROBOT, recording, ReplayOptions(horizon=0.2)), sample([identification], 50, seed=3),
-        trend([identification] * 3), resolution,
+        trend([identification] * 3), resolution, compare([identification] * 3),
     ]  # fmt: skip
     return {type(result).__name__: result for result in found}
 
@@ -170,6 +170,7 @@ KINDS = [name for name in elid_cli.__all__ if isinstance(k := getattr(elid_cli, 
 WORDS = {
     "BaseParameters": ["28 standard, 14 base", "m2 - 4*Izz2"],
     "Comparison": ["result 2 against result 1", "m1 - 4*Izz1"],
+    "Comparisons": ["what has changed?", "result 3"],
     "Diagnosis": ["missing from the model", "link_viscous  joint1", "before", "after"],
     "Excitation": ["use of the limits", "expected ± sd"],
     "Identification": ["14 base", "K1", "joint2"],

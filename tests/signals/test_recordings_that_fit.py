@@ -110,7 +110,7 @@ def test_what_several_results_say_prints_as_their_command(robot: Robot, log: Rec
     compared = compare([found, found, found])
     assert "what has changed?" in str(compared)
     assert len(compared.to_dict()["comparisons"]) == len(compared) == 2
-    assert repr(compared) == "<2 x Comparison>"
+    assert repr(compared) == "Comparisons(<2 x Comparison>)"
     merged = identify_logs(LogRequest([LOG], robot))
     assert str(merged) == str(merged.found)
     assert merged.to_dict() == merged.found.to_dict()

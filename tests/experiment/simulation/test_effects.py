@@ -47,6 +47,7 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
     "saturation": ("joint2", {"limit": 14.0}, 1e-6),
     "soft_friction": ("joint1", {"friction": 3.0, "velocity": 0.4}, 1e-6),
     "stribeck": ("joint1", {"amplitude": 3.0, "velocity": 0.12}, 1e-6),
+    "tanh_friction": ("joint1", {"friction": 3.0, "velocity": 0.4}, 1e-6),
     "torque_delay": ("joint1", {"delay": 1.3e-3}, 0.03),
     "torque_gain": ("joint2", {"gain": 0.05}, 0.06),
     "torque_offset": ("joint1", {"offset": 1.0}, 1e-6),
