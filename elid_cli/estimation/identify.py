@@ -150,9 +150,14 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     if fit.doubted:
         answer = assemble(fit, options, refused)
     found = with_unseen(_as_described(answer, robot, tilt), whole)
+    wrong: tuple[str, ...] = ()
     if options.guards:
-        found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found), *rotor_warnings(found)))
+        found = replace(found, warnings=(*found.warnings, *rotor_warnings(found)))
+        wrong = physics_warnings(fit, found)
     found = judged_model(found, judgement)
+    if wrong:  # of channels that are of others, in other units or turned round no value is left as it was
+        doubted = tuple(replace(item, bias_possible=True) for item in found.parameters)
+        found = replace(found, parameters=doubted, warnings=(*found.warnings, *wrong))
     if options.fit == "trajectory":
         from elid_cli.estimation.trajectory.identification import by_trajectory
 
