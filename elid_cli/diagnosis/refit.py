@@ -171,7 +171,8 @@ def _identified_again(
     told = replace(
         at_search,
         parameters=tuple(replace(item, reference=other.reference) for item, other in items),
-        covariance=found.covariance, standard=found.standard, condition=found.condition, rank=found.rank,
+        nuisances=found.nuisances, covariance=found.covariance, standard=found.standard, condition=found.condition,
+        rank=found.rank,
         rank_margin=found.rank_margin, warnings=found.warnings, noise=found.noise, insufficient=found.insufficient,
         model=found.model,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,

@@ -18,7 +18,7 @@ from elid_cli.diagnosis.residuals import Organised, RowState
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import FittedEffect, Identification, Nuisance
 from elid_cli.estimation.validation.prediction import Validation
-from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
@@ -234,6 +234,12 @@ class Diagnosis(Shown):
         declared = [(spec.effect, spec.joint) for spec in self.robot.effects]
         kept = (s for s in robot.effects if not library[s.effect].event or (s.effect, s.joint) in declared)
         return replace(robot, effects=tuple(kept))
+
+    @property
+    def corrected(self) -> tuple[Nuisance, ...]:
+        """What is corrected in the channels beside the parameters: delays and offsets as identification sees them."""
+        others = (item for item in self.nuisances if nuisance_of(item.effect) is None)
+        return (*others, *self.identified_after.nuisances)
 
     @property
     def events(self) -> tuple[FoundEffect, ...]:

@@ -39,7 +39,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
     facts = (
         *inputs.recorded_items(found.robot, recording),
         *inputs.used_items(told.after.settings),
-        *inputs.nuisance_items(found.robot, found.nuisances),
+        *inputs.nuisance_items(found.robot, found.corrected),
         *_tried(found),
     )
     sharper, following = further_items(told), _next(told)

@@ -32,7 +32,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
             _effect_payload(found, c)
             for c in told.contributions
         ],
-        "nuisances": nuisance_payload(found.nuisances),
+        "nuisances": nuisance_payload(found.corrected),
         "also_possible": [
             picked(r, "effect joint gain instead_of parameters std_error behind separate") for r in found.also_possible
         ],
