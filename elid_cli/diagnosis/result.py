@@ -238,8 +238,10 @@ class Diagnosis(Shown):
     @property
     def corrected(self) -> tuple[Nuisance, ...]:
         """What is corrected in the channels beside the parameters: delays and offsets as identification sees them."""
+        named = {(effect.effect, effect.joint) for effect in self.effects}
         others = (item for item in self.nuisances if nuisance_of(item.effect) is None)
-        return (*others, *self.identified_after.nuisances)
+        found = (item for item in self.identified_after.nuisances if (item.effect, item.joint) not in named)
+        return (*others, *found)
 
     @property
     def events(self) -> tuple[FoundEffect, ...]:

@@ -43,6 +43,10 @@ PUSHING: dict[str, tuple[bool, Callable[[World], np.ndarray]]] = {
         True,
         lambda w: 3 * w.arm.coulomb[JOINT] * (np.tanh(w.dtheta[:, JOINT] / 0.3) - np.sign(w.dtheta[:, JOINT])),
     ),
+    "soft_friction": (
+        True,
+        lambda w: 3 * w.arm.coulomb[JOINT] * (np.clip(w.dtheta[:, JOINT] / 0.3, -1, 1) - np.sign(w.dtheta[:, JOINT])),
+    ),
     "transmission_damping": (False, lambda w: -5.0 * (w.dtheta - w.dq)[:, JOINT]),
 }
 """Effects that take energy, and a torque of theirs that drives the motor; whether the arm is rigid."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.terms.base_term import Side
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 
@@ -93,6 +94,10 @@ class Scene:
     def top_speed(self, joint: int, share: float = 0.98) -> float:
         """Return the motor velocity that is not exceeded in a share of the instants."""
         return self.of_motion(("top", joint, share), lambda: float(np.quantile(self.speed(joint), share)))
+
+    def coulomb(self, joint: int) -> float:
+        """Return a joint's Coulomb friction as the present model has it, N·m (N)."""
+        return float(self.parameters[self.robot.parameter_names().index(StandardParameter("fs", joint))])
 
     def deflection(self, joint: int) -> Array:
         """Return q - theta, shape (N,)."""

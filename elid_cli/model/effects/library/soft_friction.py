@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from elid_cli.model.effects.effect import Columns, Effect, Parameter
@@ -11,6 +13,8 @@ from elid_cli.model.effects.scene import Scene
 LATEST = 0.1
 """s; a friction that acts farther ahead is none."""
 
+MOST = 2.0
+"""Times a joint's friction that this one may be: with it left out, a fit finds less friction than there is."""
 SLOW = 0.1
 """Part of the top speed below which a joint is about to reverse."""
 SAMPLES = 4.0
@@ -40,6 +44,7 @@ class SoftFriction(Effect):
     place = "motor"
     twins = ("stribeck",)
     softens = True
+    takes_energy = True
     amplitudes = (Parameter("friction", "N·m", "Coulomb friction that fades in; all that fs has", low=0.0),)
     shapes = (
         Parameter("velocity", "rad/s", "speed from which friction is whole", low=3e-4),
@@ -60,6 +65,11 @@ class SoftFriction(Effect):
             return []
         passed = SAMPLES * scene.dt * float(np.median(np.abs(scene.motion.ddtheta[slow, joint])))
         return [(part * top, 0.0) for part in (0.01, 0.03, 0.1, 0.3) if part * top >= passed]
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether it is no more than the joint's friction: what is more drives it at the slowest speeds."""
+        return super().plausible(scene, joint, values) and values["friction"] <= MOST * max(scene.coulomb(joint), 0.0)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""

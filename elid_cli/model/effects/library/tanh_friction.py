@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import Scene
 
+MOST = 2.0
+"""Times a joint's friction that this one may be: with it left out, a fit finds less friction than there is."""
 SLOW = 0.1
 """Part of the top speed below which a joint is about to reverse."""
 SAMPLES = 4.0
@@ -51,6 +55,11 @@ class TanhFriction(Effect):
             return []
         passed = SAMPLES * scene.dt * float(np.median(np.abs(scene.motion.ddtheta[slow, joint])))
         return [(part * top,) for part in (0.01, 0.03, 0.1, 0.3) if part * top >= passed]
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether it is no more than the joint's friction: what is more drives it at the slowest speeds."""
+        return super().plausible(scene, joint, values) and values["friction"] <= MOST * max(scene.coulomb(joint), 0.0)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""
