@@ -95,6 +95,7 @@ def replay(
     from elid_cli.cli.progress import progress
 
     with progress(output, "reading") as advance:
+        from elid_cli.errors import UsageError
         from elid_cli.estimation.smooth_commands import recorded_as_told
         from elid_cli.experiment.replay import ReplayOptions
         from elid_cli.experiment.replay import replay as simulate
@@ -102,6 +103,9 @@ def replay(
         from elid_cli.report.answers.replay import replay_report
 
         machines = [load_robot(name) for name in (robot, *((how.against,) if how.against else ()))]
+        if machines[-1].joint_names != machines[0].joint_names:
+            detail = f"{', '.join(machines[-1].joint_names)} against {', '.join(machines[0].joint_names)}"
+            raise UsageError(f"--against {how.against}: other joints than those of {machines[0].name}", detail=detail)
         if how.actuators is not None:
             from elid_cli.experiment.replay.actuators import with_actuators
 
