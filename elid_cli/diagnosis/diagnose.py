@@ -25,6 +25,7 @@ from elid_cli.diagnosis.search.forward import beside, search
 from elid_cli.diagnosis.search.friction_curves import with_whole_curves
 from elid_cli.diagnosis.search.one_for_two import with_one_for_two
 from elid_cli.diagnosis.search.other_forms import other_forms, with_usual_forms
+from elid_cli.diagnosis.search.rounded_friction import with_rounding_that_fits
 from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
@@ -213,7 +214,7 @@ def _by_torque(
     searched = search(log, declared, library, progress, options.jobs)
     if searched.partial and progress is not None:
         progress("finishing; Ctrl-C again stops at once", 0.0)
-    searched = retimed(searched, len(declared))
+    searched = with_rounding_that_fits(retimed(searched, len(declared)), len(declared))
     found, refuted = _surviving(searched, len(declared))
     known = len(declared) + found.kept
     if not found.partial:

@@ -79,6 +79,8 @@ class Signals(Brief):
     """Measured derivatives that joined the splines: which, and the standard deviation of the position's noise over that
     of its noise, links then motors (2n,); 0: not used."""
     notes: tuple[str, ...] = ()
+    rounded: bool = False
+    """Whether friction turns with the direction of motion over a width, as in simulators, and not at once."""
     sensed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Joints whose torque sensor is used beside the motor's torque, (n,); empty: none."""
     link_torque: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))

@@ -35,7 +35,9 @@ from elid_cli.model.regressor import EstimationRow
 SPEAKS = 0.01
 """Part of a quarter's squared error that an effect must move for the quarter to speak about it."""
 TOLERATED = 0.05
-"""Loss, as a part of a quarter's squared error, or of all quarters' mean, that noise may excuse."""
+"""Loss, as a part of a quarter's squared error, that noise may excuse …"""
+QUIET = 2.0
+"""… or as a part of all quarters' mean, where a quarter's mean square is less than this without it, in noise floors."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ class _Compared:
     moved: float
     known: bool = True
     local: bool = False
+    count: int = 0
+    """Residuals in it."""
     usual: float = 0.0
     """Mean squared error of all quarters without the effect: one that hardly shows any error has little to lose."""
 
@@ -86,7 +90,8 @@ class _Compared:
 
         Of an effect that is local nothing but these few instants speaks, so none of them may speak against it.
         """
-        loss, excused = self.after - self.before, min(self.noise, TOLERATED * max(self.before, self.usual))
+        size = max(self.before, self.usual) if self.before < QUIET * self.count else self.before
+        loss, excused = self.after - self.before, min(self.noise, TOLERATED * size)
         excusable = 0 < loss <= excused and not self.local
         return self.known and self.before > 0 and self.moved > SPEAKS * self.before and not excusable
 
@@ -224,7 +229,7 @@ def _compared(pairs: Sequence[tuple[Array, Array]], stretch: NDArray[np.intp], k
     # were the effect real, its own residual b would be noise: the difference a² - b² then scatters by 2 (a - b) b
     scores = np.sum([(a - b) * b for a, b in pairs], axis=0) if pairs else np.zeros(len(stretch))
     noise = 2.0 * float(np.sqrt(max(long_run(scores[:, None], stretch)[0, 0], 0.0))) if len(stretch) else 0.0
-    return _Compared(before, after, noise, moved, known)
+    return _Compared(before, after, noise, moved, known, count=sum(int(np.count_nonzero(a)) for a, _ in pairs))
 
 
 def _pair(

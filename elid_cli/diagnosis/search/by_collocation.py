@@ -125,7 +125,8 @@ def _stretch(log: Log, chosen: NDArray[np.bool_]) -> Signals:
         for s in signals.segments
         if min(b, s.stop) - max(a, s.start) > 2 * signals.filter.half + 2 * signals.filter.step
     ]
-    return replace(signals, segments=tuple(parts))
+    # the motion is an unknown there, and torques must change smoothly with it
+    return replace(signals, segments=tuple(parts), rounded=True)
 
 
 def _predicted(judge: Setup, outcome: Outcome) -> float:

@@ -46,7 +46,7 @@ def _best(state: State, number: int, place: int, between: tuple[float, float]) -
     tried, (first, last) = TRIED, between
     while True:
         instants = np.linspace(first, last, tried)
-        state = min((state, *(_moved(state, number, place, float(t)) for t in instants)), key=_cost)
+        state = min((state, *(_moved(state, number, place, float(t)) for t in instants)), key=cost)
         step = float(instants[1] - instants[0])
         if step <= state.log.signals.dt:
             return state
@@ -67,7 +67,7 @@ def _moved(state: State, number: int, place: int, t: float) -> State:
     return fit(state.log, effects, state.scene)
 
 
-def _cost(state: State) -> float:
+def cost(state: State) -> float:
     """Return the squared residual of the whole log in units of the noise floor."""
     left = residuals(state.log.observation, state.solution.values, state.extras)
     total = 0.0

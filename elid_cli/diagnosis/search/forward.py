@@ -108,7 +108,7 @@ def search(
         partial = True
     if not partial:
         state, steps = _pruned(state, steps, len(declared))
-        state = _polished(state, len(declared))
+        state = polished(state, len(declared))
     return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen, partial=partial)
 
 
@@ -218,7 +218,7 @@ def beside(step: Step, gone: Candidate) -> Step:
     return step if known or not _twins(step.candidate, gone) else replace(step, rivals=(*step.rivals, gone))
 
 
-def _polished(state: State, declared: int) -> State:
+def polished(state: State, declared: int) -> State:
     """Refine the shapes of all found effects together, and fit once more."""
     if not any(e.shape for e in state.effects):
         return state

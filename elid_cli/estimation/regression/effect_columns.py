@@ -121,6 +121,8 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
 
 def _rounding(robot: Robot, signals: Signals) -> Array:
     """Return the speed over which the sign of a motor's velocity is rounded: where instants count, it is sharp."""
+    if signals.rounded:
+        return direction_widths(robot)
     slowest = np.maximum(signals.min_velocity / SHARP, SHARPEST)
     found: Array = np.minimum(direction_widths(robot), slowest)
     return found
