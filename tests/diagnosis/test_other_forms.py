@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def tied() -> Told:
-    return told(104)
+    return told(202)
 
 
 def test_of_laws_that_explain_a_log_alike_the_usual_one_is_named(tied: Told) -> None:
@@ -39,8 +39,8 @@ def test_of_laws_that_explain_a_log_alike_the_usual_one_is_named(tied: Told) -> 
 
 def test_standard_errors_reach_to_what_the_other_law_says(tied: Told) -> None:
     (form,) = tied.found.effects[0].forms
-    other = dict(form.moved)["fs2"]
-    item = next(p for p in tied.found.identified_after.parameters if p.name == "fs2")
+    other = dict(form.moved)["fs1"]
+    item = next(p for p in tied.found.identified_after.parameters if p.name == "fs1")
     assert abs(tied.score) < 1
     assert abs(other - item.estimate) == pytest.approx(2 * item.std_error, rel=0.1)
 
@@ -57,7 +57,7 @@ def test_the_other_law_stands_in_the_report_and_in_json(tied: Told) -> None:
     )
     report = diagnosis_report(told_)
     text = " ".join(formats.render(report, "terminal", formats.Style(width=400)).split())
-    assert "exponent -1 would explain this log about as well, and make fs2" in text
+    assert "exponent -1 would explain this log about as well, and make fs1" in text
     (payload,) = json.loads(formats.render(report, "json", formats.Style()))["effects"]
     assert payload["forms"][0]["parameters"]["exponent"] == -1.0
     assert set(payload["forms"][0]["moved"]) >= {"fs2"}
