@@ -121,8 +121,10 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     works = partial(fits, raw.channels, chosen) if robot is not None else lambda line: True
     if not any(info.rate for info in infos):  # named or not, nothing serves as time
         missing, wanted = ("t", *missing), tuple(dict.fromkeys(("t", *wanted)))
-        reasons["t"] = "nothing holds times that advance" if plan.time is not None else "nothing is called t or time"
+        reasons["t"] = "nothing holds times that advance"
     proposed, link = proposal(raw, chosen, raw.channels, wanted, works)
+    if plan.time is None and any(line.startswith("t:") for line in proposed.splitlines()):
+        reasons["t"] = "nothing is called t or time"
     # the lines of a chain are of fewer joints than the robot has
     fresh = [line for line in proposed.splitlines() if line.partition(":")[0] not in plan.placements and not link]
     if link:
