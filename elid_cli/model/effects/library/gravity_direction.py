@@ -70,8 +70,10 @@ class GravityDirection(Effect):
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
         """Return the angles that the torques show."""
-        felt = np.any([np.any(rows, axis=1) for rows in self.columns(scene).values()] or [[False, False]], axis=0)
         values = super().named(scene, coefficients)
+        if all(values.values()):
+            return values
+        felt = np.any([np.any(rows, axis=1) for rows in self.columns(scene).values()] or [[False, False]], axis=0)
         return {name: value for (name, value), shown in zip(values.items(), felt, strict=True) if shown or value}
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
