@@ -73,7 +73,9 @@ class GravityDirection(Effect):
         values = super().named(scene, coefficients)
         if all(values.values()):
             return values
-        felt = np.any([np.any(rows, axis=1) for rows in self.columns(scene).values()] or [[False, False]], axis=0)
+        felt = np.zeros(len(self.amplitudes), dtype=bool)
+        for rows in self.columns(scene).values():
+            felt |= np.any(rows, axis=1)
         return {name: value for (name, value), shown in zip(values.items(), felt, strict=True) if shown or value}
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
