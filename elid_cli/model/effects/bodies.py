@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.memory import Recent
@@ -33,6 +34,8 @@ SMOOTH: tuple[BaseTerm, ...] = (Rotor(), Viscous(), Spring())
 SIDES: tuple[Side, ...] = ("motor", "link")
 TOGETHER = 8192
 """Samples whose kinematics are held at a time."""
+POSES, SAME = 8, 1e-6
+"""Random poses, and the part by which a torque differs between them at most that is taken for the same."""
 
 
 def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[float]) -> Array:
@@ -46,6 +49,20 @@ def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[
             if values[name]:
                 torque[joint, part] += np.asarray(value) * values[name]
     return torque
+
+
+def tilt_torques(robot: Robot, q: Array, parameters: Array) -> Array:
+    """Return by how much holding torques change with roll and pitch of the base at angles q (N, n), (n, 2, N)."""
+    gravity = np.array(robot.gravity)
+    turns = [np.cross(axis, gravity).tolist() for axis in horizontal_axes(robot)]
+    found: Array = np.stack([gravity_torque(robot, q, parameters, turn) for turn in turns], axis=1)
+    return found
+
+
+def same_everywhere(torques: Array) -> NDArray[np.bool_]:
+    """Return which torques (n, 2, N) in some poses are the same in all, those that are 0 among them, (n, 2)."""
+    found: NDArray[np.bool_] = np.ptp(torques, axis=-1) <= SAME * np.max(np.abs(torques), axis=(0, -1))
+    return found
 
 
 Moved = tuple[int, Motion]

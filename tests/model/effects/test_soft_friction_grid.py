@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from elid_cli.model.effects.library.soft_friction import SAMPLES, SoftFriction
+from elid_cli.model.effects.gradual_friction import SAMPLES
+from elid_cli.model.effects.library.soft_friction import SoftFriction
 from tests.model.effects.effect_scenes import planar, scene_of
 
 

@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.bodies import gravity_torque, horizontal_axes, turned, with_gravity
+from elid_cli.model.effects.bodies import POSES, horizontal_axes, same_everywhere, tilt_torques, turned, with_gravity
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import random_motion
-
-ANYWHERE = 8
-"""Random poses in which torques must differ …"""
-SAME = 1e-6
-"""… by this part at least."""
 
 
 class GravityDirection(Effect):
@@ -54,18 +49,9 @@ class GravityDirection(Effect):
         """Return the derivatives of gravity torques with respect to both angles in the link rows."""
         key = ("gravity tilt",)
         if key not in scene.cache:
-            anywhere = random_motion(scene.robot.n, scene.robot.elastic, samples=ANYWHERE).q
-            poses = np.concatenate([scene.motion.q, anywhere])
-            gravity = np.array(scene.robot.gravity)
-            rows = np.stack(
-                [
-                    gravity_torque(scene.robot, poses, scene.parameters, np.cross(axis, gravity).tolist())
-                    for axis in horizontal_axes(scene.robot)
-                ],
-                axis=1,
-            )
-            felt = np.ptp(rows, axis=2).max(axis=0) > SAME * np.abs(rows).max(axis=(0, 2))
-            scene.cache[key] = rows[..., : -len(anywhere)] * felt[:, None]
+            anywhere = random_motion(scene.robot.n, scene.robot.elastic, samples=POSES).q
+            felt = ~np.all(same_everywhere(tilt_torques(scene.robot, anywhere, scene.parameters)), axis=0)
+            scene.cache[key] = tilt_torques(scene.robot, scene.motion.q, scene.parameters) * felt[:, None]
         return {EquationRow("link", j): rows.copy() for j, rows in enumerate(scene.cache[key]) if np.any(rows)}
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:

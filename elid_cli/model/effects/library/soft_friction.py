@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from elid_cli.model.effects.effect import Columns, Effect, Parameter
+from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.gradual_friction import GradualFriction
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import Scene
 
 LATEST = 0.1
 """s; a friction that acts farther ahead is none."""
 
-MOST = 2.0
-"""Times a joint's friction that this one may be: with it left out, a fit finds less friction than there is."""
-SLOW = 0.1
-"""Part of the top speed below which a joint is about to reverse."""
-SAMPLES = 4.0
-"""Samples that a reversal takes to pass the speed, at least."""
 
-
-class SoftFriction(Effect):
+class SoftFriction(GradualFriction):
     """Coulomb friction that is proportional to speed below one, in place of holding a joint at rest.
 
     With a lead it is that of MuJoCo's constraint: a joint whose friction is not used up comes to rest exponentially,
@@ -52,24 +44,6 @@ class SoftFriction(Effect):
                   default=0.0),
     )  # fmt: skip
     example = {"friction": 0.3, "velocity": 0.05}
-
-    @classmethod
-    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
-        """Return speeds below half the top speed, without lead, that a reversal takes several samples to pass.
-
-        In fewer, the smoothed velocity of a joint that sticks and starts again looks the same.
-        """
-        top, speed = scene.top_speed(joint), scene.speed(joint)
-        slow = speed < SLOW * top
-        if not top > 0 or not slow.any():
-            return []
-        passed = SAMPLES * scene.dt * float(np.median(np.abs(scene.motion.ddtheta[slow, joint])))
-        return [(part * top, 0.0) for part in (0.01, 0.03, 0.1, 0.3) if part * top >= passed]
-
-    @classmethod
-    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
-        """Whether it is no more than the joint's friction: what is more drives it at the slowest speeds."""
-        return super().plausible(scene, joint, values) and values["friction"] <= MOST * max(scene.coulomb(joint), 0.0)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from elid_cli.model.effects.effect import Columns, Effect, Parameter
+from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.gradual_friction import GradualFriction
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import Scene
 
-MOST = 2.0
-"""Times a joint's friction that this one may be: with it left out, a fit finds less friction than there is."""
-SLOW = 0.1
-"""Part of the top speed below which a joint is about to reverse."""
-SAMPLES = 4.0
-"""Samples that a reversal takes to pass the speed, at least."""
 
-
-class TanhFriction(Effect):
+class TanhFriction(GradualFriction):
     """Coulomb friction that turns gradually with the speed, over a width that the tangent gives.
 
     A simulated motion under commands takes dry friction for itself: it finds `softens` there.
@@ -42,24 +34,6 @@ class TanhFriction(Effect):
     amplitudes = (Parameter("friction", "N·m", "Coulomb friction that turns gradually; all that fs has", low=0.0),)
     shapes = (Parameter("velocity", "rad/s", "speed at which three quarters of friction act", low=3e-4),)
     example = {"friction": 0.3, "velocity": 0.05}
-
-    @classmethod
-    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
-        """Return speeds below half the top speed that a reversal takes several samples to pass.
-
-        In fewer, the smoothed velocity of a joint that sticks and starts again looks the same.
-        """
-        top, speed = scene.top_speed(joint), scene.speed(joint)
-        slow = speed < SLOW * top
-        if not top > 0 or not slow.any():
-            return []
-        passed = SAMPLES * scene.dt * float(np.median(np.abs(scene.motion.ddtheta[slow, joint])))
-        return [(part * top,) for part in (0.01, 0.03, 0.1, 0.3) if part * top >= passed]
-
-    @classmethod
-    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
-        """Whether it is no more than the joint's friction: what is more drives it at the slowest speeds."""
-        return super().plausible(scene, joint, values) and values["friction"] <= MOST * max(scene.coulomb(joint), 0.0)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""

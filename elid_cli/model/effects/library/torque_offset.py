@@ -6,14 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elid_cli.model.effects.bodies import gravity_torque, horizontal_axes
+from elid_cli.model.effects.bodies import POSES, SAME, same_everywhere, tilt_torques
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Same
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.motion import random_motion
-
-POSES, SAME = 8, 1e-6
-"""Random poses, and the part by which a force differs between them at most that is taken for the same."""
 
 
 class TorqueOffset(Effect):
@@ -46,11 +43,9 @@ class TorqueOffset(Effect):
         robot = scene.robot
         if robot.joints[joint].revolute or not any(robot.gravity):
             return ()
-        poses, gravity = random_motion(robot.n, robot.elastic, samples=POSES).q, np.array(robot.gravity)
-        tilts = [np.cross(axis, gravity).tolist() for axis in horizontal_axes(robot)]
-        pulls = [gravity_torque(robot, poses, scene.parameters, tilt)[joint] for tilt in tilts]
-        same = any(np.ptp(pull) <= SAME * np.max(np.abs(pull)) for pull in pulls if np.any(pull))
-        return (Same("gravity_direction", 0, {}),) if same else ()
+        pulls = tilt_torques(robot, random_motion(robot.n, robot.elastic, samples=POSES).q, scene.parameters)
+        same = same_everywhere(pulls)[joint] & (np.abs(pulls[joint, :, 0]) > SAME * np.max(np.abs(pulls)))
+        return (Same("gravity_direction", 0, {}),) if same.any() else ()
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the offset in the motor row."""
