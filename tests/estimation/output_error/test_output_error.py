@@ -115,6 +115,22 @@ def test_the_command_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixt
     assert told["error"]["joint1"]["spring_rms"] > 0
 
 
+def test_what_least_squares_see_elsewhere_may_be_biased() -> None:
+    loaded = replace(
+        ROBOT, effects=(EffectSpec(effect="load_friction", joint="joint2", parameters={"coefficient": 0.05}),)
+    )
+    signals = prepare(log_of(motion_of(loaded, 1), 80.0, 1, rates=False)[0], ROBOT)
+    by_motion, by_torque = (identify(ROBOT, signals, EstimateOptions(fit=fit)) for fit in ("trajectory", "torque"))
+    assert by_motion.model == "insufficient"
+    apart = [
+        abs(one.estimate - other.estimate) / float(np.hypot(one.std_error, other.std_error))
+        for one, other in zip(by_motion.parameters, by_torque.parameters, strict=True)
+    ]
+    assert np.nanmax(apart) > 2
+    for one, other, far in zip(by_motion.parameters, by_torque.parameters, apart, strict=True):
+        assert one.bias_possible is (other.bias_possible or far > 2), one.name
+
+
 def test_sensitivities_are_those_of_the_steps() -> None:
     generator = np.random.default_rng(0)
     count, windows, m, c = 40, 3, 2, 3
