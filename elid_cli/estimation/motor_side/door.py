@@ -132,6 +132,8 @@ def with_motor_side(found: Identification, side: MotorSide | None, *, corrected:
         if joint.verdict == "refused":
             hidden[name] = joint.says
         notes.append(f"{name}: {_note(joint, side.source)}")
+    from elid_cli.estimation.motor_side.hidden_motion import bent, rubbed
+
     limit = rigid_limit(side)
     if limit is not None:
         cutoff = found.settings.get("cutoff")
@@ -145,9 +147,8 @@ def with_motor_side(found: Identification, side: MotorSide | None, *, corrected:
             word = f"but fitted up to {cutoff:.3g} Hz: expect a bias (less with --cutoff {limit:.3g})"
         notes.append(f"all other parameters are those of rigid joints, which hold up to {limit:.3g} Hz; {word}")
     if (limit is not None and not corrected) or any(_may_bend(found, joint) for joint in side.joints):
-        from elid_cli.estimation.motor_side.hidden_motion import bent
-
         found = bent(found)
+    found = rubbed(found, side.joints)
     return replace(found, hidden=hidden, notes=tuple(notes), motor_side=replace(side, corrected=corrected))
 
 

@@ -328,7 +328,7 @@ def _gates(told: Figures, i: int) -> dict[str, float]:
     seen = {
         "error": told.error[i] / abs(told.compliance[i]), "gain": told.gain[i], "misfit": told.chi, "fall": told.fall,
         "rotor_pull": told.rotor_pull[i], "rotor_told": told.rotor_sensitivity[i], "delay": told.delay,
-        "damping": told.damping[i], "load": told.load_friction[i],
+        "damping": told.damping[i], "load": told.load_friction[i], "load_error": told.load_friction_error[i],
     }  # fmt: skip
     if told.moves:
         moves = told.moves

@@ -7,6 +7,7 @@ under gravity turns first moments and what swings against the spring counts as i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,12 @@ import numpy as np
 
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import WEAK, torque_scale
+from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.signals import Signals
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.motor_side.result import MotorSide
+    from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
 
 UNSURE = 0.1
 """Standard error of what the correction moved, share of it: for what it takes to the first order only.
@@ -28,6 +30,10 @@ Simulated arms with their stiffness and without it: up to a twentieth of what wa
 PAST = 3.0
 """Cut-off of the yielding over that of the fit: well above what the fit sees, below most of the torque's noise."""
 FRICTION = ("fs", "fv")
+MATTERS = 2.0
+"""Standard errors of a joint's Coulomb friction from which load friction in it counts."""
+LOUD = 3.0
+"""Times the sensors' noise from which something is left that friction may be a part of."""
 WIDE = "how far the joints' elasticity moves it is known to a tenth only"
 
 
@@ -91,6 +97,38 @@ def _widened(item: BaseEstimate, by: float, matters: float) -> BaseEstimate:
         return replace(item, std_error=deviation)
     reason = f"standard error {100 * deviation / size:.0f} %: {WIDE}"
     return replace(item, std_error=deviation, verdict="weak", reason=reason)
+
+
+def rubbing(found: Identification, joints: Sequence[MotorSideJoint]) -> dict[str, float]:
+    """Return friction over the load of joints that the motor side shows and the robot does not declare, by name.
+
+    Only where it is more than a fit without it knows of their friction.
+    """
+    kinds = {name: kind for name, kind in effect_classes().items() if kind.from_model and kind.holds()}
+    known = {spec.joint for spec in found.robot.effects if spec.effect in kinds}
+    errors = {p.leader.joint: p.std_error for p in found.parameters if p.leader.kind == "fs"}
+    told = {}
+    for joint in joints:
+        error = found.error.get(joint.joint)
+        size = joint.load_friction * (error.torque_rms if error else 0.0)
+        if joint.joint not in known and size > MATTERS * errors.get(joint.number, np.inf):
+            told[joint.joint] = joint.load_friction
+    return told
+
+
+def rubbed(found: Identification, joints: Sequence[MotorSideJoint]) -> Identification:
+    """Return an identification whose friction may be biased where it depends on what the fit knows nothing of.
+
+    That is a load whose friction the motor side shows, or anything that is left beside a stiffness that nobody knows.
+    """
+    loaded = rubbing(found, joints)
+    loud = {noise.joint for noise in found.noise if noise.ratio > LOUD}
+    own = {j.number for j in joints if j.joint in loaded or (j.verdict == "refused" and j.joint in loud)}
+    marked = (
+        replace(p, bias_possible=p.bias_possible or (p.leader.kind in FRICTION and p.leader.joint in own))
+        for p in found.parameters
+    )
+    return replace(found, parameters=tuple(marked))
 
 
 def bent(found: Identification) -> Identification:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from elid_cli.errors import in_words
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.antiresonance import PAST, log_rate
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.response import Response
 
 NOT_SHOWN = "not shown by this log"
+CLEAR = 5.0
+"""Standard errors of load friction from which it is told."""
 TOLD = 2
 """Gates that a reason names."""
 
@@ -105,6 +109,12 @@ class MotorSideJoint:
             shown = f"; what would show it: {self.motion.words}" if self.motion else ""
             return f"{NOT_SHOWN} ({self.reason}){shown}"
         return "; ".join(part for part in (self.together, self.reason) if part)
+
+    @property
+    def load_friction(self) -> float:
+        """Friction over the load that it grows with, where that is clear; else 0."""
+        share = self.gates.get("load", 0.0)
+        return share if self.verdict != "refused" and share > CLEAR * self.gates.get("load_error", np.inf) else 0.0
 
     @property
     def relative_error(self) -> float:

@@ -26,7 +26,10 @@ LOUD = ABOVE
 def words_of(found: Identification) -> str:
     """Return what the model of an identification lacks, in a sentence or two."""
     said = _far_motion(found) or _elastic_words(found)
-    said = said or lacking_words(found.model, found.insufficient, found.noise, alone=found.robot.n == 1)
+    loaded = "" if said else _load_words(found)
+    if not said and not (loaded and found.model == "not judged"):
+        said = lacking_words(found.model, found.insufficient, found.noise, alone=found.robot.n == 1)
+    said = " ".join(part for part in (loaded, said) if part)
     joints = found.motor_side.joints if found.motor_side else ()
     unshown = [joint.joint for joint in joints if joint.verdict == "refused"]
     if unshown:
@@ -140,6 +143,23 @@ def _elastic_words(found: Identification) -> str:
         f"{'this joint' if len(names) == 1 else 'these joints'} as rigid, which may bias inertias, masses and first "
         "moments. elid identify of one log alone, not a long one, without --accurate and --fit, takes it "
         f"out, where the motion reverses seldom enough.{besides}"
+    )
+
+
+def _load_words(found: Identification) -> str:
+    """Return whose friction grows with the load, as the motor side shows, in a sentence or two; else nothing."""
+    if found.motor_side is None:
+        return ""
+    from elid_cli.estimation.motor_side.hidden_motion import rubbing
+
+    loaded = rubbing(found, found.motor_side.joints)
+    if not loaded:
+        return ""
+    said = listed([f"{name} ({share_text(share)} of the load)" for name, share in loaded.items()])
+    return (
+        f"Friction that grows with the load at {said}, as the motor's side shows: fs and fv hold it at this log's "
+        f"loads. Declared in the robot file (effects: load_friction), {'it' if len(loaded) == 1 else 'they'} would be "
+        "told apart."
     )
 
 

@@ -19,11 +19,13 @@ from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import read_recording, write_recording
 from elid_cli.report.answers.identification_json import identification_payload
+from elid_cli.report.answers.lacking import words_of
 from elid_cli.report.answers.missing import own_elasticity, taken_as_rigid
 from elid_cli.report.figures import figures_of, panels_of
 from elid_cli.report.figures.drawing import Rule
 from elid_cli.report.figures.input import FigureInput
 from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec
 from elid_cli.robot.text import text_of
 from elid_cli.signals.recording import Recording, Segment
 from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
@@ -108,6 +110,24 @@ def test_parameters_that_elasticity_bends_are_not_called_known(
     assert "Stiffness from the motor's side: known (joint1 to " in said
     assert "Nothing that this log shows" not in said
     assert "several joints" not in said
+
+
+def test_friction_that_holds_a_load_is_not_called_known() -> None:
+    log = motor_log(arm_of(), 1, replace(CASE, load_friction=np.array([0.05])))
+    log, robot = replace(log, q=np.full_like(log.q, np.nan)), told_robot(arm_of(), 1)
+    true = float(arm_of().coulomb[0])
+    found = identify(robot, prepare(log, robot))
+    (fs,) = [item for item in found.parameters if str(item.leader) == "fs1"]
+    far = abs(fs.estimate - true)
+    assert far > 0.1 * true
+    assert fs.bias_possible
+    assert "Friction that grows with the load at joint1 (5 % of the load)" in words_of(found)
+    declared = replace(robot, effects=(EffectSpec("load_friction", "joint1"),))
+    found = identify(declared, prepare(log, declared))
+    (fs,) = [item for item in found.parameters if str(item.leader) == "fs1"]
+    assert abs(fs.estimate - true) < min(3 * fs.std_error, far)
+    assert not fs.bias_possible
+    assert "grows with the load" not in words_of(found)
 
 
 @pytest.mark.parametrize("elastic", [True, False])
