@@ -128,11 +128,18 @@ def _rounding(robot: Robot, signals: Signals) -> Array:
     return found
 
 
+def with_zeros(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
+    """Return the scene that knows from which zeros effects with their amplitudes (d,) read joints' positions."""
+    zeros = {effect.joint: float(linear[0]) for effect, linear in effects if effect.moves_zero}
+    return replace(scene, zeros=zeros, cache={}) if zeros else scene
+
+
 def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
     """Return the scene whose predicted torque holds that of effects with their amplitudes (d,), where one needs it.
 
     Friction that follows the motor's torque is part of that torque: a few rounds let both agree.
     """
+    scene = with_zeros(scene, effects)
     if not any(effect.from_torque for effect, _ in effects):
         return scene
     base = scene.predicted

@@ -12,19 +12,20 @@ from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
 
 STEP = 1e-5
-"""rad (m); change of the position by which the derivative of torques is taken: to a part of about as much."""
+"""rad (m); change of the position by which torques are compared where the offset is not known, or smaller."""
 
 
 class EncoderZero(Effect):
     """A constant in all of one joint's positions.
 
-    To first order the columns hold what the bodies' torques, at the present parameters, change with the joint's
-    position. A motion that is simulated under commands finds it as a turn of the robot's own geometry.
+    The columns hold what the bodies' torques, at the present parameters, change from the position as read to the one
+    that the present offset means, per offset: once these agree, the torque is exact. A motion that is simulated under
+    commands finds it as a turn of the robot's own geometry.
     """
 
     name = "encoder_zero"
     summary = "positions read too large by an offset: a zero that is off"
-    equation = "all link equations: -offset times the derivative of the bodies' torques with respect to the position"
+    equation = "all link equations: what the bodies' torques are at position - offset, less what they are at position"
     physics = (
         "A joint that was homed in a pose a little off, an encoder mounted after service, a link that is not straight:"
         " commands and readings agree, but both are off from the geometry."
@@ -43,13 +44,15 @@ class EncoderZero(Effect):
     simulated = "log"
 
     def columns(self, scene: Scene) -> Columns:
-        """Return what all torques of the model change with minus the joint's position."""
+        """Return what all torques of the model change, over the offset, where it is taken off the joint's position."""
         motion, j = scene.motion, self.joint
-        moved = motion.of_joint(j).changed(q=motion.q[:, [j]] - STEP, theta=motion.theta[:, [j]] - STEP)
+        known = scene.zeros.get(j, 0.0)
+        step = known if abs(known) > STEP else STEP
+        moved = motion.of_joint(j).changed(q=motion.q[:, [j]] - step, theta=motion.theta[:, [j]] - step)
         parameters, key = np.asarray(scene.parameters), ("torques as read",)
         if key not in scene.cache:  # the same for every joint
             scene.cache[key] = model_torque(scene, parameters)
-        change = (model_torque(scene, parameters, (j, moved)) - scene.cache[key]) / STEP
+        change = (model_torque(scene, parameters, (j, moved)) - scene.cache[key]) / step
         rows = (EquationRow(side, k) for side in SIDES for k in range(scene.robot.n))
         return {row: values[None] for row, values in zip(rows, change, strict=True) if np.any(values)}
 
