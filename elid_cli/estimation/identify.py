@@ -26,7 +26,7 @@ from elid_cli.estimation.reading import read_signals
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
-from elid_cli.estimation.sanity import physics_warnings, rotor_warnings
+from elid_cli.estimation.sanity import beyond_range, physics_warnings, rotor_warnings
 from elid_cli.estimation.smooth_commands import as_told, noted
 from elid_cli.estimation.validation.prediction import errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
@@ -150,12 +150,13 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     if fit.doubted:
         answer = assemble(fit, options, refused)
     found = with_unseen(_as_described(answer, robot, tilt), whole)
-    wrong: tuple[str, ...] = ()
+    doubtful, wrong = False, tuple[str, ...]()
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *rotor_warnings(found)))
         wrong = physics_warnings(fit, found)
+        doubtful = bool(wrong) or beyond_range(fit.signals, fit.model.robot)
     found = judged_model(found, judgement)
-    if wrong:  # of channels that are of others, in other units or turned round no value is left as it was
+    if doubtful:  # of channels that are of others, in other units or turned round no value is left as it was
         doubted = tuple(replace(item, bias_possible=True) for item in found.parameters)
         found = replace(found, parameters=doubted, warnings=(*found.warnings, *wrong))
     if options.fit == "trajectory":

@@ -40,6 +40,8 @@ GEARED = 5.0
 """Least gear ratio by which a torque of the wrong side is told from a wrong inertia."""
 NEAR_POWER = 0.1
 """Distance from the gear ratio or its inverse within which inertias are off by it, in powers of it."""
+FARTHER = 3.0
+"""Times a joint's range in the robot's file that no joint moves over."""
 ALIKE = 0.2
 """Share of the deflection that is left when two motors' positions are exchanged, below which they were swapped."""
 
@@ -68,6 +70,17 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     said += _by_negative_values(fit.model.robot, negative, moving, known)
     said.sort(key=lambda item: -item[0])
     return tuple(sentence for _, sentence in said[:3])
+
+
+def beyond_range(signals: Signals, robot: Robot) -> bool:
+    """Whether a joint moves several times as far as it can by the robot's file: its positions are in another unit."""
+    for k, joint in enumerate(robot.joints):
+        low, high = joint.limits.position or (0.0, 0.0)
+        for values in (signals.motion.q[:, k], signals.motion.theta[:, k]):
+            known = values[np.isfinite(values)]
+            if known.size and high > low and float(np.ptp(known)) > FARTHER * (high - low):
+                return True
+    return False
 
 
 def rotor_warnings(found: Identification) -> tuple[str, ...]:

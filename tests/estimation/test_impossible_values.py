@@ -15,7 +15,7 @@ from elid_cli.estimation.refined_robot import identified_robot, remarks
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.logs.writing import write_recording
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import Limits, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, prepare
 
@@ -93,3 +93,13 @@ def test_the_command_says_what_it_writes(noisy: Recording, tmp_path: Path, capsy
     assert {e["name"]: e["verdict"] for e in json.loads(out)["base_parameters"]}["fv2"] == "weak"
     assert read_robot(str(robot)).joints[1].parameters["fv"] == 0
     assert "written as 0" in robot.read_text("utf-8")
+
+
+def test_no_value_counts_as_known_where_a_joint_moves_far_beyond_its_range(planar: Robot, noisy: Recording) -> None:
+    turned = np.array([1.0, 180.0 / np.pi])
+    far = replace(noisy, q=noisy.q * turned, theta=noisy.theta * turned)
+    assert all(item.bias_possible for item in identify(planar, prepare(far, planar)).parameters)
+    assert not any(item.bias_possible for item in identify(planar, prepare(noisy, planar)).parameters)
+    # a file without limits says nothing of the kind
+    free = replace(planar, joints=tuple(replace(joint, limits=Limits()) for joint in planar.joints))
+    assert not all(item.bias_possible for item in identify(free, prepare(far, free)).parameters)
