@@ -89,6 +89,15 @@ def test_positions_of_another_size_are_doubted_and_not_the_torque(
     assert WRONG in said
 
 
+def test_what_is_written_of_positions_stays_in_what_is_proposed(robot: Robot, log: Log) -> None:
+    written = {"scale": {"joint1": 2.0}}
+    spec = SignalMap("q", "q.{joint}", scale=(2.0, *[1.0] * (robot.n - 1)), written=written)
+    plan = ReadPlan({"q": Placement(spec, (), (), "q.{joint}")}, None, (), (), {})
+    (said,) = wrong_positions(Weighed(0.1 * log[0], log[1], DT, robot), plan)
+    scales = ", ".join(f"{name}: {20 if k == 0 else 10}" for k, name in enumerate(robot.joint_names))
+    assert said.endswith(f'if so, map it: q: {{from: "q.{{joint}}", scale: {{{scales}}}}}')
+
+
 def test_positions_are_doubted_neither_as_they_are_nor_for_a_torque_of_another_size(robot: Robot, log: Log) -> None:
     for scale in (1.0, 0.01, 100.0):
         assert not list(wrong_positions(Weighed(log[0], scale * log[1], DT, robot), PLAN))

@@ -323,10 +323,10 @@ def test_errors_in_files_of_mappings_name_file_and_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda x: np.degrees(x), ["theta looks like degrees", "unit: deg"]),
-        (lambda x: x / (2 * np.pi), ["theta looks like turns", "unit: rev"]),
-        (lambda x: x * 8192 / (2 * np.pi), ["encoder counts", "unit: counts:8192"]),
-        (lambda x: x * 80, ["not divided by the gear ratio", "side: motor"]),
+        (lambda x: np.degrees(x), ["theta looks like degrees", "unit: {elbow: deg}"]),
+        (lambda x: x / (2 * np.pi), ["theta looks like turns", "unit: {elbow: rev}"]),
+        (lambda x: x * 8192 / (2 * np.pi), ["encoder counts", "unit: {elbow: counts:8192}"]),
+        (lambda x: x * 80, ["not divided by the gear ratio", "scale: {elbow: 0.0125}"]),
         (
             lambda x: -x,
             ["moves opposite to q", 'theta: {from: "theta.{joint}", sign: {elbow: -1}}'],
@@ -346,6 +346,20 @@ def test_suspicious_units_are_noticed_and_never_applied(tmp_path: Path, change: 
     for word in [*words, "elbow"]:
         assert word in text, text
     assert not any("shoulder" in warning or "wrist" in warning for warning in got.warnings)
+
+
+def test_a_unit_that_all_joints_share_is_proposed_once_and_beside_what_is_written_as_a_factor(tmp_path: Path) -> None:
+    base = recording(3000)
+    got = read(written(tmp_path, "log.csv", like(base, theta=np.degrees(base.theta))))
+    assert all('map it: theta: {from: "theta.{joint}", unit: deg}' in warning for warning in got.warnings)
+    assert got.warnings
+    wrong = {"theta": {"from": "theta.{joint}", "scale": {"shoulder": 180 / np.pi}}}
+    (told,) = read(written(tmp_path, "log.csv", base), mapping=wrong).warnings
+    pasted = told.partition("if so, map it: ")[2]
+    assert pasted == 'theta: {from: "theta.{joint}", scale: 1}'
+    again = read(written(tmp_path, "log.csv", base), mapping=read_map_options([pasted]))
+    assert not again.warnings
+    np.testing.assert_allclose(again.theta, base.theta, rtol=1e-8)
 
 
 def test_a_wrapped_angle_is_unwrapped_on_request(tmp_path: Path) -> None:

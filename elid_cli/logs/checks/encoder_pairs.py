@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,10 +122,10 @@ class Pair:
             either = f"{first} where that is q, {second.removeprefix(IF_SO)} where that is theta"
             yield f"{where} moves opposite to q: one of the two has the wrong sign; {either}"
         if abs(size - 1) > 2 * CLOSE:
-            what, mend = self._factor(size)
+            what, mend, _ = self.factor()
             if mend is None and sprung and self.slope > 0:
                 return
-            mapping = f"; {proposed(plan, *mend)}" if mend else ""
+            mapping = f"; {proposed(plan, mend[0], mends.units(plan, mend[0]))}" if mend else ""
             yield f"{where} moves {size:.4g} times as far as q: {what}{mapping}"
         elif shift := self.shift(bent):
             unit = "rad" if self.revolute else "m"
@@ -142,9 +142,14 @@ class Pair:
         turns = shift / (2 * math.pi)
         return round(turns) if self.revolute and abs(turns - round(turns)) < WHOLE else 0
 
-    def _factor(self, size: float) -> tuple[str, tuple[str, str] | None]:
-        """Return the likely reason of a slope and the signal and key that would mend it."""
-        gear = abs(self.gear)
+    @property
+    def scaled(self) -> bool:
+        """Whether theta moves much farther or less than q, and with it."""
+        return abs(self.correlation) >= ALIKE and abs(abs(self.slope) - 1) > 2 * CLOSE
+
+    def factor(self) -> tuple[str, tuple[str, str] | None, float]:
+        """Return the likely reason of a slope, the signal and key that would mend it, and the slope that it means."""
+        gear, size = abs(self.gear), abs(self.slope)
         known = [
             (180 / math.pi, "theta looks like degrees", ("theta", "unit: deg"), True),
             (math.pi / 180, "q looks like degrees", ("q", "unit: deg"), True),
@@ -159,20 +164,21 @@ class Pair:
         ]
         for factor, what, paste, turning in known:
             if turning == self.revolute and abs(size / factor - 1) < CLOSE and abs(factor - 1) > CLOSE:
-                return what, paste
+                return what, paste, factor
         for signal, per_turn in (("theta", size * 2 * math.pi), ("q", 2 * math.pi / size)):
             bits = math.log2(per_turn) if per_turn > 0 else 0
             if per_turn > 200 and self.revolute and (abs(bits - round(bits)) < BITS or abs(per_turn / 500 % 1) < 0.01):
                 whole = 2 ** round(bits) if abs(bits - round(bits)) < BITS else 500 * round(per_turn / 500)
-                return f"{signal} looks like encoder counts", (signal, f"unit: counts:{whole}")
+                factor = whole / (2 * math.pi)
+                mend = signal, f"unit: counts:{whole}"
+                return f"{signal} looks like encoder counts", mend, factor if signal == "theta" else 1 / factor
             geared = per_turn / gear if signal == "theta" and gear > 0 else 0
             bits = math.log2(geared) if geared > 1 else 0
             if geared > 200 and self.revolute and abs(bits - round(bits)) < BITS:
-                return "theta looks like motor-side encoder counts", (
-                    "theta",
-                    f"unit: counts:{2 ** round(bits)}, side: motor",
-                )
-        return "check units and gear ratio", None
+                whole = 2 ** round(bits)
+                mend = "theta", f"unit: counts:{whole}, side: motor"
+                return "theta looks like motor-side encoder counts", mend, whole * gear / (2 * math.pi)
+        return "check units and gear ratio", None, size
 
 
 def swap(q: Array, theta: Array, pairs: list[Pair], robot: Robot) -> str:
@@ -203,6 +209,10 @@ class Mends:
     """Joints whose positions move opposite to each other."""
     offsets: str
     """The mapping's key with the offsets of theta; empty: none."""
+    factors: tuple[tuple[Pair, tuple[str, str] | None, float], ...]
+    """Joints of which theta moves much farther or less than q, with what `Pair.factor` says of them."""
+    compared: int
+    """Number of joints of which both positions are known."""
 
     @classmethod
     def of(cls, pairs: Sequence[tuple[Pair, float]], plan: ReadPlan, names: tuple[str, ...]) -> Mends:
@@ -215,7 +225,26 @@ class Mends:
             size = f"{whole:.6g}" if whole else f"{shift:.3g}" if math.isfinite(bent) else f"{shift:.2g}"
             written[pair.name] -= float(size) if shift else 0.0
         found = [f"{name}: {value:.6g}" for name, value in written.items() if value]
-        return cls(names, tuple(opposite), f"offset: {{{', '.join(found)}}}" if found else "")
+        offsets = f"offset: {{{', '.join(found)}}}" if found else ""
+        factors = [(pair, *pair.factor()[1:]) for pair, _ in pairs if pair.scaled]
+        return cls(names, tuple(opposite), offsets, tuple(factors), len(pairs))
+
+    def units(self, plan: ReadPlan, signal: str) -> str:
+        """Return the mapping's key that mends units and sides of a signal: one for all joints, or one per joint."""
+        placement = plan.placements.get(signal)
+        written = set(placement.spec.written or {}) & {"unit", "scale"} if placement is not None else set()
+        own = [(pair, mend[1], slope) for pair, mend, slope in self.factors if mend is not None and mend[0] == signal]
+        keys = {key for _, key, _ in own}
+        if len(own) == self.compared and len(keys) == 1 and not written:
+            return keys.pop()
+        # a signal has one side, and what is written of it stays: what comes beside these is a factor
+        scaled = {pair.name: slope for pair, key, slope in own if written or "side" in key}
+        units = [f"{pair.name}: {key.removeprefix('unit: ')}" for pair, key, _ in own if pair.name not in scaled]
+        factors = {name: slope if signal == "q" else 1 / slope for name, slope in scaled.items()}
+        parts = [f"unit: {{{', '.join(units)}}}"] if units else []
+        if scaled:
+            parts.append(times(plan, signal, factors, self.names))
+        return ", ".join(parts)
 
     def signs(self, plan: ReadPlan, signal: str) -> str:
         """Return the mapping's key that turns a signal of those joints round."""
@@ -231,6 +260,15 @@ def turned(plan: ReadPlan, signal: str, joints: Sequence[str], names: Sequence[s
     return f"sign: {{{', '.join(f'{name}: {sign:g}' for name, sign in signs.items() if sign != 1)}}}"
 
 
+def times(plan: ReadPlan, signal: str, factors: Mapping[str, float], names: Sequence[str]) -> str:
+    """Return the key of a mapping that multiplies a signal of some joints, beside the scales that are written."""
+    scales = _per_joint(plan, signal, "scale", names)
+    texts = {name: f"{scale * factors.get(name, 1.0):.9g}" for name, scale in scales.items()}
+    if len(set(texts.values())) == 1:
+        return f"scale: {texts[names[0]]}"
+    return f"scale: {{{', '.join(f'{name}: {text}' for name, text in texts.items() if text != '1')}}}"
+
+
 def turned_round(
     plan: ReadPlan, signal: str, joints: Sequence[str], names: Sequence[str], *, computed: bool = False
 ) -> str:
@@ -243,7 +281,7 @@ def turned_round(
 def _per_joint(plan: ReadPlan, signal: str, key: str, names: Sequence[str]) -> dict[str, float]:
     """Return a number per joint as the mapping of a signal has it."""
     placement = plan.placements.get(signal)
-    given = getattr(placement.spec, key) if placement is not None else {"sign": 1.0, "offset": 0.0}[key]
+    given = getattr(placement.spec, key) if placement is not None else {"offset": 0.0}.get(key, 1.0)
     return dict(zip(names, np.broadcast_to(given, len(names)).tolist(), strict=True))
 
 

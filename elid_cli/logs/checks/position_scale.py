@@ -12,11 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.logs.checks.encoder_pairs import proposed
+from elid_cli.logs.checks.encoder_pairs import proposed, times
 from elid_cli.logs.checks.known_masses import Scale, Weighed, weight_scales
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import SURE
 from elid_cli.logs.mapping.plan import ReadPlan
+from elid_cli.robot.robot import Robot
 
 UNITS = {math.pi / 180: "unit: deg", 2 * math.pi: "unit: rev"}
 FACTORS = (10.0, 100.0, 1000.0, 2 * math.pi, 180 / math.pi, 0.1, 0.01, 1e-3, 0.5 / math.pi, math.pi / 180)
@@ -60,12 +61,21 @@ def wrong_positions(log: Weighed, plan: ReadPlan) -> Iterator[str]:
     if best == 1.0:
         return
     size = f"{best:.3g} times too small" if best > 1 else f"{1 / best:.3g} times too large"
-    key = UNITS.get(best, f"scale: {best:.6g}")
-    asked = "; ".join(proposed(plan, side, key) for side in ("q", "theta") if side in plan.placements)
+    asked = "; ".join(
+        proposed(plan, side, _key(plan, side, best, robot)) for side in ("q", "theta") if side in plan.placements
+    )
     yield (
         f"positions look {size}: at positions of that size the torques hold the weight of the described bodies, and as "
         f"they are they do not: {WRONG}; {asked}"
     )
+
+
+def _key(plan: ReadPlan, side: str, factor: float, robot: Robot) -> str:
+    """Return the mapping's key that makes positions larger by a factor, beside what is written of them."""
+    written = set(plan.placements[side].spec.written or {}) & {"unit", "scale"}
+    if factor in UNITS and not written:
+        return UNITS[factor]
+    return times(plan, side, {joint.name: factor for joint in robot.joints if joint.revolute}, robot.joint_names)
 
 
 def _left(scales: list[Scale], joints: int) -> Array:
