@@ -24,6 +24,11 @@ class Drives:
     """Integral gains, N·m/(rad·s), (S, n): ``- ki ∫ x dt`` from the start on is told as well; None: 0."""
     smoothing: Array | None = None
     """Time constants of the filters of velocity, s, (S, n): x' in ``kd x'`` passes a first-order one; None: 0."""
+    held: Array | None = None
+    """1 of drives that compute their torque at the log's samples and hold it until the next one, (S, n); None: 0."""
+    lag: Array | None = None
+    """By how much later than its sample such a torque begins to act, s, (S, n), within a sample; of simulators whose
+    steps make it seem so, earlier. None: 0."""
 
 
 def filter_weights(smoothing: Array, h: float) -> tuple[Array, Array, Array, Array]:

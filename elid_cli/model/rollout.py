@@ -130,11 +130,11 @@ def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
     """Return what acts on the coordinates of chains; nothing on links behind a spring."""
     held = owner >= 0
     none = np.zeros_like(drives.kp)
-    ki, smoothing = (none if part is None else part for part in (drives.ki, drives.smoothing))
-    told, kp, kd, ki, smoothing = (
-        np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, ki, smoothing)
+    parts = (none if part is None else part for part in (drives.ki, drives.smoothing, drives.held, drives.lag))
+    told, kp, kd, ki, smoothing, holding, lag = (
+        np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, *parts)
     )
-    return Drives(told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing)
+    return Drives(told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing, holding, lag)
 
 
 def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joints:

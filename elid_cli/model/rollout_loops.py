@@ -31,8 +31,8 @@ def compiled_steps() -> Callable[..., None] | None:
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls
     mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, ki: Array,
-    half_way: Array, ramp: Array, whole: Array, rise: Array, x0: Array, v0: Array, inertia: Array, coulomb: Array,
-    viscous: Array, offset: Array, limit: Array, friction: Array,
+    holds: Array, lag: Array, half_way: Array, ramp: Array, whole: Array, rise: Array, x0: Array, v0: Array,
+    inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array,
     width: Array, lead: Array, push: Array, grip: Array, dt: float, xs: Array, vs: Array,
 ) -> None:  # fmt: skip
     """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout.Local`."""
@@ -48,6 +48,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
         np.empty(size))  # fmt: skip
     soft, wide, ahead, slowed, summed = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     seen = np.empty(size)  # the velocity as a drive's filter has it
+    sampled, older = np.empty(size), np.empty(size)  # the torque of drives that hold it for a sample, and the last one
     for a in range(variants):
         for s in range(stretches):
             for c in range(chains):
@@ -63,8 +64,9 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             half = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
                             full = 0.5 * (mass[k, s, c, i, m] + mass[k + 1, s, c, i, m]) + 0.25 * h * h * half
                             bend[i, m], inverse[i, m] = half, full
-                        damping = 0.5 * viscous[a, s, c, i] + ramp[s, c, i] * kd[s, c, i]
-                        inverse[i, i] += inertia[a, s, c, i] + h * damping + 0.25 * h * h * kp[s, c, i]
+                        inverse[i, i] += inertia[a, s, c, i] + 0.5 * h * viscous[a, s, c, i]
+                        if holds[s, c, i] == 0.0:
+                            inverse[i, i] += h * ramp[s, c, i] * kd[s, c, i] + 0.25 * h * h * kp[s, c, i]
                     for n in range(size):  # Gauss-Jordan in place; a mass matrix needs no pivots
                         pivot = 1.0 / inverse[n, n]
                         inverse[n, n] = 1.0
@@ -78,6 +80,11 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                     inverse[i, m] -= factor * inverse[n, m]
                     p, g = k if len(push) > 1 else 0, k if len(grip) > 1 else 0
                     for i in range(size):
+                        older[i] = sampled[i]
+                        sampled[i] = told[k * each, s, c, i] - kp[s, c, i] * x[i] - kd[s, c, i] * seen[i]
+                        sampled[i] -= ki[s, c, i] * summed[i]
+                        if k == 0:
+                            older[i] = sampled[i]
                         pushed[i] = push[p, a, s, c, i]
                         bound[i], soft[i] = h * max(coulomb[a, s, c, i] + grip[g, a, s, c, i], 0.0), 0.0
                         if friction[a, s, c, i] > 0.0:  # what effects add fades in as well
@@ -96,6 +103,15 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             drive -= ki[s, c, i] * (summed[i] + 0.5 * h * x[i])
                             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
                             given = (ramp[s, c, i] * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
+                            if holds[s, c, i] > 0.0:
+                                given = 0.0
+                                behind = min(max(lag[s, c, i] / h - j, 0.0), 1.0)
+                                drive = behind * older[i] + (1.0 - behind) * sampled[i]
+                                if lag[s, c, i] < 0.0 and j == each - 1:
+                                    coming = told[min((k + 1) * each, len(told) - 1), s, c, i]
+                                    coming -= kp[s, c, i] * (x[i] + h * v[i]) + kd[s, c, i] * seen[i]
+                                    coming -= ki[s, c, i] * (summed[i] + h * x[i])
+                                    drive -= lag[s, c, i] / h * (coming - sampled[i])
                             drive = min(max(drive - given, -limit[a, s, c, i]), limit[a, s, c, i]) + given
                             drive -= offset[a, s, c, i]
                             drive -= viscous[a, s, c, i] * v[i] + pushed[i]

@@ -28,7 +28,11 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
     flat += [np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints)]
     ki = np.zeros_like(drives.kp) if drives.ki is None else drives.ki
     weights = _weights(drives, dt / (len(drives.told) // max(len(part.force) - 1, 1)))
-    arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, ki, *weights, *start)
+    holds, lag = (np.zeros_like(drives.kp) if part is None else part for part in (drives.held, drives.lag))
+    arrays = (
+        part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, ki, holds, lag, *weights,
+        *start,
+    )  # fmt: skip
     # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
     ready = (np.require(values, requirements=("C", "W")) for values in (*arrays, *flat))
     with np.errstate(all="ignore"):  # of what runs away, as the compiled loops have it
@@ -69,6 +73,9 @@ def advance_arrays(
     held, gained, summed = np.zeros((3, *shape))
     seen, (half, ramp, whole, rise) = v.copy(), _weights(drives, h)  # the velocity as a drive's filter has it
     ki = 0.0 if drives.ki is None else drives.ki
+    holds = np.zeros(drives.kp.shape, dtype=bool) if drives.held is None else drives.held > 0
+    acting = np.where(holds, 0.0, 1.0)  # of what a drive gives as it moves within a sample
+    lag, kept = (0.0 if drives.lag is None else drives.lag) / h, None
     push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
     friction, width, ahead = (np.broadcast_to(values, shape) for values in _fading(joints))
@@ -78,7 +85,8 @@ def advance_arrays(
         mass = np.broadcast_to(0.5 * (part.mass[k] + part.mass[k + 1]), (*shape, size)).copy()
         mass[..., diagonal, diagonal] += joints.inertia
         full = mass + 0.25 * h * h * bend
-        full[..., diagonal, diagonal] += h * (0.5 * joints.viscous + ramp * drives.kd) + 0.25 * h * h * drives.kp
+        stiff = acting * (h * ramp * drives.kd + 0.25 * h * h * drives.kp)
+        full[..., diagonal, diagonal] += 0.5 * h * joints.viscous + stiff
         inverse = np.linalg.inv(full)
         give = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
         columns = [inverse[..., :, i] for i in every]
@@ -87,12 +95,22 @@ def advance_arrays(
         soft = h * np.where(fades, np.maximum(friction + more, 0.0), 0.0)  # what effects add fades in as well
         pulled, place = part.force[k] + joints.offset + push[k if len(push) > 1 else 0], part.place[k]
         pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
+        sampled = drives.told[k * steps] - drives.kp * x - drives.kd * seen - ki * summed
+        older, kept = sampled if kept is None else kept, sampled
+        ahead_told = drives.told[min((k + 1) * steps, len(drives.told) - 1)]
         for j in range(steps):
             middle = x + 0.5 * h * v
             drive = drives.told[k * steps + j] - drives.kp * middle - ki * (summed + 0.5 * h * x)
             drive -= drives.kd * (half * v + (1.0 - half) * seen)
             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
-            given = (ramp * drives.kd + 0.25 * h * drives.kp) * gained
+            given = acting * (ramp * drives.kd + 0.25 * h * drives.kp) * gained
+            if holds.any():
+                behind = np.clip(lag - j, 0.0, 1.0)
+                now = behind * older + (1.0 - behind) * sampled
+                if j == steps - 1:
+                    coming = ahead_told - drives.kp * (x + h * v) - drives.kd * seen - ki * (summed + h * x)
+                    now += np.maximum(-lag, 0.0) * (coming - sampled)
+                drive = np.where(holds, now, drive)
             drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
             drive -= pulled + (j + 0.5) * pull
             drive -= _times(bend, middle - (place + (j + 0.5) * move))

@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
@@ -64,11 +65,14 @@ class Run:
         if self.told is None:
             return self
         steps = finer * len(self.drives.told) // (len(self.t) - 1)
-        way = _way(commanded, self.smooth)
-        acting = _between(self.told, steps, (late + self.extra) / self.dt, way)
+        way, samples, lag = _way(commanded, self.smooth), (late + self.extra) / self.dt, None
+        if self.drives.held is not None:  # a loop is told commands at its samples, the rest passes before it acts
+            whole = np.where(self.drives.held > 0, np.round(samples), samples)
+            samples, lag = whole, self.dt * (samples - whole)
+        acting = _between(self.told, steps, samples, way)
         if self.drives.ki is not None and self.aim is not None:
-            acting += self.drives.ki * _between(self.aim, steps, (late + self.extra) / self.dt, "line")
-        return replace(self, drives=replace(self.drives, told=acting))
+            acting += self.drives.ki * _between(self.aim, steps, samples, "line")
+        return replace(self, drives=replace(self.drives, told=acting, lag=lag))
 
     def integrating(self, rate: Array, late: Array | float = 0.0) -> Run:
         """Return the run with drives whose integral gain is `rate` (n,), 1/s, times kp; they act later by `late`."""
@@ -78,6 +82,14 @@ class Run:
     def filtered(self, times: Array) -> Run:
         """Return the run with drives that filter the velocity with time constants (n,), s."""
         return replace(self, drives=replace(self.drives, smoothing=times))
+
+    def holding(self, which: NDArray[np.bool_], late: Array | float = 0.0) -> Run:
+        """Return the run with drives of which some, (n,), compute their torque once per sample and hold it.
+
+        They act later than logged by `late`, s.
+        """
+        held = which.astype(float)
+        return replace(self, drives=replace(self.drives, held=held)).delayed(np.zeros(len(held)) + late)
 
     def pushed(self, torque: Array) -> Run:
         """Return the run whose drives are told a further torque, N·m (N), (n,), once it is `delayed`."""
@@ -102,7 +114,12 @@ class Run:
         kp, kd = np.stack([run.drives.kp for run in runs]), np.stack([run.drives.kd for run in runs])
         ki = None if first.ki is None else np.stack([run.drives.ki for run in runs if run.drives.ki is not None])
         times = [run.drives.smoothing for run in runs if run.drives.smoothing is not None]
-        drives = Drives(told, kp, kd, first.limit, ki, np.stack(times) if times else None)
+        holds = [run.drives.held for run in runs if run.drives.held is not None]
+        lags = [run.drives.lag for run in runs if run.drives.lag is not None]
+        drives = Drives(
+            told, kp, kd, first.limit, ki, np.stack(times) if times else None, np.stack(holds) if holds else None,
+            np.stack(lags) if lags else None,
+        )  # fmt: skip
         start = (np.stack([run.start[0] for run in runs]), np.stack([run.start[1] for run in runs]))
         near = np.stack([run.near for run in runs], axis=1)
         measured = np.stack([run.measured for run in runs], axis=1)

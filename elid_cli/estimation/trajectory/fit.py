@@ -77,6 +77,8 @@ class TrajectoryFit:
     """By how much later than here the drives of joints may act, s, (n,), negative earlier: the errors count it."""
     filters: Array | float = 0.0
     """Time constants of filters of velocity with which the motion is nearer, s, (n,): the errors count them."""
+    at_once: bool = False
+    """Whether drives whose loops act all the time are clearly nearer than ones that hold their torque for a sample."""
     held: TrajectoryFit | None = None
     """The fit with friction that holds a joint at rest, of one in which it was found to fade in at some joints."""
 

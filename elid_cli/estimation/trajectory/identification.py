@@ -27,6 +27,7 @@ from elid_cli.estimation.trajectory.found_effects import (
     robot_of,
     settled,
 )
+from elid_cli.estimation.trajectory.held_loops import as_held, loops_of, with_held_loops
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
 from elid_cli.estimation.trajectory.late_joints import declared_late, late_joints, of_every, with_doubts
 from elid_cli.estimation.trajectory.memory import has_memory
@@ -46,7 +47,14 @@ from elid_cli.estimation.trajectory.words import (
 )
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.of_drives import as_acting, declared_filters, declared_gains, declared_integrals
+from elid_cli.model.effects.of_drives import (
+    LOOPS,
+    as_acting,
+    declared_filters,
+    declared_gains,
+    declared_integrals,
+    holding,
+)  # fmt: skip
 from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised
@@ -137,7 +145,10 @@ def fit_of(
             alone = None
             errors[list(apart.by.joints)] = apart.deviations
             fit, columns = apart.aware(), columns_of(apart.fit)
-        fit = with_filters_in_doubt(replace(with_doubts(fit, alone), apart=errors), signals)
+        fit = replace(with_doubts(fit, alone), apart=errors)
+        looped = with_held_loops(fit, signals)
+        columns = columns if looped is fit or looped.at_once else columns_of(looped)
+        fit = with_filters_in_doubt(looped, signals)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
@@ -162,7 +173,7 @@ def unsuited(robot: Robot) -> str:
             return f"{joint.name} has a gear_ratio: this fit finds the reflected inertia Ja"
     for spec in robot.effects:
         kind, _ = resolve(robot, spec)
-        known = kind.nuisance in ("offset", "delay") or kind.of_drive in ("gain", "integral", "filter")
+        known = kind.nuisance in ("offset", "delay") or kind.of_drive in ("gain", *LOOPS)
         if not (can_act(kind) or known or kind.turns_gravity or kind.moves_zero):
             return f"it does not hold the effect {spec.effect} that the robot file declares"
     return ""
@@ -185,6 +196,8 @@ def commanded_runs(recording: Recording, robot: Robot) -> list[Run]:
         every = [run.integrating(rates) for run in every]
     if times.any():
         every = [run.filtered(times) for run in every]
+    if (which := holding(robot, recording.dt)).any():
+        every = [run.holding(which) for run in every]
     if np.any(gains != 1.0):
         every = [run.delivering(gains) for run in every]
     # the first moments of a stretch do not count (`Tracked.counts`): as much again must be left
@@ -248,7 +261,7 @@ def identification_of(
     bodies
         What other bodies take off the squared error of joints' motion (`bodies.other_bodies`).
     """
-    robot = found.robot
+    robot, signals = found.robot, as_held(found.robot, fit, signals)
     base, names = found.base, list(found.base.parameters)
     places = np.array([[names.index(StandardParameter(kind, k)) for kind in PARAMETERS] for k in range(robot.n)])
     covariance = np.zeros((len(names), len(names)))
@@ -291,7 +304,7 @@ def identification_of(
         error=error,
         standard=standard,
         delays=np.zeros(robot.n),
-        nuisances=channel_faults(robot, fit, moves[:, 3]),
+        nuisances=(*channel_faults(robot, fit, moves[:, 3]), *loops_of(robot, fit)),
         effects=fitted_effects(robot, fit),
         notes=(note, *apart, *doubt_words(robot, fit), *loop_words(robot, fit, signals, moves)),
         settings={**settings_of(found, fit, moves), **known},

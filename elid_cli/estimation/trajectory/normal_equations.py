@@ -11,7 +11,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, scene_along
 from elid_cli.estimation.trajectory.block_sums import Equations, summed
 from elid_cli.estimation.trajectory.loss import bent, size_of, usual_size, weighed
-from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
+from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, steps_of
 from elid_cli.model.drives import Drives, Fading, Joints
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.linearised import Linearised, Local
@@ -106,7 +106,7 @@ def simulated(
         for own in group:
             columns[:, _moved_by(unknowns, own), own] = change[:, _moved_by(unknowns, own)] / steps[own]
     if not plain:
-        columns[:, :, unknowns.delays.start + run.source] = -v[:, 0, :n]
+        columns[:, :, unknowns.delays.start + run.source] = -v[:, 0, :n] + _late_feedback(columns, run.drives, unknowns)
         columns[:, :, unknowns.drives + still] = 0.0
     return Moved(error, columns)
 
@@ -157,13 +157,27 @@ def _stepped(
         joints = replace(joints, push=joints.push - known[:, None, None], damping=damping)
         local = replace(local, slope=local.slope + np.diag(stiffness))
     drives = run.drives
-    ki, smoothing = (None if part is None else part[None] for part in (drives.ki, drives.smoothing))
-    alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, ki, smoothing)
+    parts = (None if part is None else part[None] for part in (drives.ki, drives.smoothing, drives.held, drives.lag))
+    alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, *parts)
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
     x, v = x[:, :, 0], v[:, :, 0]
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
     item.x, item.v = kept, np.where(kept == x[:, 0], v[:, 0], item.v)
     return x, v, steps, still
+
+
+def _late_feedback(columns: Array, drives: Drives, unknowns: Unknowns) -> Array | float:
+    """Return what a delay does beside making the motion late, rad (m) per s, (N, n), by the columns of the drives.
+
+    Drives that hold their torque act late on what they measured, too: as less viscous friction and inertia, to first
+    order.
+    """
+    if drives.held is None:
+        return 0.0
+    less = np.zeros((unknowns.robot.n, len(KINDS)))
+    less[:, 0], less[:, 2] = -drives.held * drives.kd, -drives.held * drives.kp
+    found: Array = columns[:, :, : unknowns.drives] @ less.ravel()
+    return found
 
 
 def columns_of_pushes(

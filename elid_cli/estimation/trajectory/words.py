@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from elid_cli.errors import in_words
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.held_loops import less_by_holding, matters
 from elid_cli.estimation.trajectory.settings import softness
+from elid_cli.model.effects.of_drives import declared_loops
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -18,6 +20,12 @@ SHOWN = 3.0
 """Standard errors beyond which a change is worth a word."""
 SMALL = 0.03
 """Part of a value below which a change is not worth a word."""
+HOLDS = (
+    "the drives' loops are simulated at the log's rate, their torque held for a sample: the motion is nearer so than "
+    "with loops that act all the time, with which viscous friction and motor inertia come out too small by kp and kd "
+    "times half a sample"
+)
+"""Said of drives that were found to hold their torque."""
 AHEAD = 0.5
 """ms; lead of friction that is worth a word."""
 
@@ -85,28 +93,24 @@ def _span(values: Iterable[float]) -> str:
 
 
 def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return what a loop that holds its torque for a sample would change, in a sentence, where that is worth a word.
-
-    To first order half a sample's delay of positions and velocities is viscous friction and inertia: kp dt/2 less of
-    the one, kd dt/2 less of the other.
-    """
+    """Return what is taken of the drives' loops, and what another would change, in a sentence where it is worth one."""
     recording = signals.recording
     assert recording is not None
-    gains = np.stack([np.nanmean(recording.commands[name], axis=0) for name in ("kd", "kp")], axis=1)
-    less, errors = 0.5 * recording.dt * gains, fit.unknowns.joint_values(fit.deviation)[:, [0, 2]]
-    matters = moves[:, [0, 2]] & (less > np.maximum(SHOWN * errors, SMALL * fit.values[:, [0, 2]]))
-    if not matters.any():
+    if any(item.run.drives.held is not None for item in fit.tracked):
+        return () if declared_loops(robot).any() else (HOLDS,)
+    less, matter = less_by_holding(recording), matters(fit, recording) & moves[:, [0, 2]]
+    if fit.at_once or not matter.any():
         return ()
     said = []
     for place, (words, unit) in enumerate((("motor inertia", "kg·m²"), ("viscous friction", "N·m·s/rad"))):
-        if matters[:, place].any():
-            worst = int(np.argmax(np.where(matters[:, place], less[:, place], 0.0)))
+        if matter[:, place].any():
+            worst = int(np.argmax(np.where(matter[:, place], less[:, place], 0.0)))
             unit = unit if robot.joints[worst].revolute else {"kg·m²": "kg"}.get(unit, "N·s/m")
             size = f"up to {less[worst, place]:.2g} {unit} ({robot.joint_names[worst]})"
             said.append(f"{words} is larger by k{'dp'[place]} dt/2, {size}")
     return (
         "the drive's loop is taken to act all the time; where it is computed at the log's rate and its torque held for "
-        f"a sample, {' and '.join(said)}, which the motion cannot tell apart",
+        f"a sample, {' and '.join(said)}, which this motion does not tell apart",
     )
 
 

@@ -83,7 +83,7 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
     found, summed = np.empty((len(run.t), n)), np.zeros(n)
     smoothed = None if drives.smoothing is None else np.array(x[motor] * 0.0 + v[motor])
     weights = 0.0 if drives.smoothing is None else -np.expm1(-model.opt.timestep / np.maximum(drives.smoothing, 1e-9))
-    found[0] = data.qpos[at]
+    found[0], sampled = data.qpos[at], np.zeros(n)
     for k in range(len(run.t) - 1):
         for j in range(steps * finer):
             turned, turning = data.qpos[own] / turns, data.qvel[push] / turns
@@ -94,6 +94,9 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
             if drives.ki is not None:
                 torque -= drives.ki * summed
                 summed += turned * model.opt.timestep
+            if drives.held is not None:  # what was computed at the sample stays
+                sampled = torque if j == 0 else sampled
+                torque = np.where(drives.held > 0, sampled, torque)
             data.qfrc_applied[push] = (np.clip(torque, -drives.limit, drives.limit) - offsets) / turns
             mujoco.mj_step(model, data)
         found[k + 1] = data.qpos[at]

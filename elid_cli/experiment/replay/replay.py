@@ -23,7 +23,7 @@ from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.drives import Joints
 from elid_cli.model.effects.declared import resolve
-from elid_cli.model.effects.of_drives import declared_filters, declared_gains, declared_integrals
+from elid_cli.model.effects.of_drives import LOOPS, declared_filters, declared_gains, declared_integrals, holding
 from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised, Local
@@ -141,6 +141,8 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     if by_commands and rates.any():
         runs = [run.integrating(rates, delays) for run in runs]
     runs = [run.filtered(times) for run in runs] if by_commands and times.any() else runs
+    which = holding(robot, recording.dt)
+    runs = [run.holding(which, delays) for run in runs] if by_commands and which.any() else runs
     runs = [run.delivering(gains) for run in runs] if np.any(gains != 1.0) else runs
     if not runs:
         raise LogError("the log has no stretch that is long enough to be replayed")
@@ -248,6 +250,6 @@ def _of_channels(robot: Robot) -> tuple[Array, tuple[str, ...]]:
         kind, joint = resolve(robot, spec)
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
-        elif not (kind.of_drive in ("gain", "integral", "filter") or kind.corrects or kind.of_channel or can_act(kind)):
+        elif not (kind.of_drive in ("gain", *LOOPS) or kind.corrects or kind.of_channel or can_act(kind)):
             left.append(_named(spec))
     return offsets, tuple(left)

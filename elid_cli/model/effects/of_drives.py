@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
@@ -15,6 +16,11 @@ from elid_cli.model.effects.declared import resolve
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.late_velocity import delay_of
 from elid_cli.signals.signals import Signals
+
+SAME_TIME = 1.3
+"""Times by which a drive's period may be off the sample time of a log that holds its torques."""
+LOOPS = ("integral", "filter", "hold")
+"""What of a drive is in its loop, and not in the torque that a log tells."""
 
 
 def declared_gains(robot: Robot) -> Array:
@@ -44,7 +50,19 @@ def declared_filters(robot: Robot) -> Array:
     return np.maximum(_declared(robot, "filter"), 0.0)
 
 
-def _declared(robot: Robot, which: Literal["gain", "integral", "filter"]) -> Array:
+def declared_loops(robot: Robot) -> Array:
+    """Return the time for which every joint's drive holds its torque, s, (n,); 0 of one that acts all the time."""
+    return np.maximum(_declared(robot, "hold"), 0.0)
+
+
+def holding(robot: Robot, dt: float) -> NDArray[np.bool_]:
+    """Return which drives hold their torque from sample to sample of a log, by its sample time, s, (n,)."""
+    periods = declared_loops(robot) / dt
+    found: NDArray[np.bool_] = (periods > 1.0 / SAME_TIME) & (periods < SAME_TIME)
+    return found
+
+
+def _declared(robot: Robot, which: Literal["gain", "integral", "filter", "hold"]) -> Array:
     """Return the amplitudes of the declared effects of drives, (n,)."""
     found = np.zeros(robot.n)
     for spec in robot.effects:
@@ -57,18 +75,18 @@ def _declared(robot: Robot, which: Literal["gain", "integral", "filter"]) -> Arr
 def with_loops(robot: Robot, signals: Signals) -> tuple[Robot, Signals]:
     """Return the robot without what it declares of its drives' loops, and the signals with the torques that hold it.
 
-    That are integral terms, and filters of velocity.
+    That are integral terms, filters of velocity, and loops that hold.
     """
-    kept = tuple(spec for spec in robot.effects if resolve(robot, spec)[0].of_drive not in ("integral", "filter"))
+    kept = tuple(spec for spec in robot.effects if resolve(robot, spec)[0].of_drive not in LOOPS)
     if signals.error_integrals is None or len(kept) == len(robot.effects):
         return robot, signals
-    told = with_filters(signals, declared_filters(robot))
+    told = with_held_loops(with_filters(signals, declared_filters(robot)), holding(robot, signals.dt))
     return replace(robot, effects=kept), with_drives(told, declared_integrals(robot))
 
 
 def as_acting(robot: Robot, signals: Signals) -> Signals:
     """Return the signals with the torques that act as the robot declares its drives, in place of what the log tells."""
-    told = with_filters(signals, declared_filters(robot))
+    told = with_held_loops(with_filters(signals, declared_filters(robot)), holding(robot, signals.dt))
     return with_drives(told, declared_integrals(robot), declared_gains(robot))
 
 
@@ -95,6 +113,24 @@ def with_filters(signals: Signals, times: Array) -> Signals:
             # the filter starts from the velocity that it would have had for long
             seen, _ = lfilter([rise, whole - rise], [1.0, whole - 1.0], speed, zi=[(1.0 - rise) * speed[0]])
             tau[here, joint] += kd[here, joint] * (speed - seen)
+    return replace(signals, tau=tau)
+
+
+def with_held_loops(signals: Signals, which: NDArray[np.bool_]) -> Signals:
+    """Return the signals with the torques of drives, (n,), that compute them at the samples and hold them.
+
+    About a sample's instant acts the mean of what was computed before it and at it. Of the commands that holds already.
+    """
+    recording = signals.recording
+    if recording is None or not {"kp", "kd"} <= recording.commands.keys() or not np.any(which):
+        return signals
+    tau, (kp, kd) = signals.tau.copy(), (np.nan_to_num(recording.commands[name]) for name in ("kp", "kd"))
+    motion = signals.motion
+    for joint in np.flatnonzero(which & recording.commanded).tolist():
+        back = kp[:, joint] * motion.theta[:, joint] + kd[:, joint] * motion.dtheta[:, joint]
+        for segment in signals.segments:
+            here = slice(segment.start + 1, segment.stop)
+            tau[here, joint] += 0.5 * np.diff(back[segment.start : segment.stop])
     return replace(signals, tau=tau)
 
 

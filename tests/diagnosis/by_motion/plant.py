@@ -43,6 +43,7 @@ def moved(
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,
     resting: bool = False, count: float = 0.0, rates: bool = True, smoothing: float = 0.0,
+    once: bool = False,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
@@ -52,7 +53,8 @@ def moved(
     The drives add up `integral` times the error, N·m/(rad·s), and have `held`, N·m, when the log begins. Commands go
     from pose to pose and rest there where `resting`; encoders read whole multiples of a `count`, rad. Drives are told
     the rates of their positions where `rates`, else that they are to stand still. Their damping takes the velocity of
-    a first-order filter of time constant `smoothing`, s.
+    a first-order filter of time constant `smoothing`, s. Where `once`, drives compute their torque at the samples and
+    hold it until the next.
     """
     rng = np.random.default_rng(seed)
     samples, fine = round(duration / DT) + 1, round(DT / STEP)
@@ -76,6 +78,7 @@ def moved(
         KP, KD, OFFSET, VISCOUS, COULOMB, inertia
     )]  # fmt: skip
     x, v = x.tolist(), v.tolist()
+    sampled = x, v
     filtered, part = list(v), 1.0 - math.exp(-STEP / smoothing) if smoothing else 1.0
 
     def of(torque: Extra | None, where: list[float], speed: list[float]) -> list[float]:
@@ -89,9 +92,8 @@ def moved(
         for j, (kp, kd, offset, viscous, coulomb, mass, more, held_by) in enumerate(
             zip(*constants, of(push, where, speed), of(grip, where, speed), strict=True)
         ):
-            asked = kp * (told_q[j][told[j]] - where[j]) + kd * (
-                told_dq[j][told[j]] - (filtered[j] if smoothing else speed[j])
-            )
+            at, rate = (sampled[0][j], sampled[1][j]) if once else (where[j], filtered[j] if smoothing else speed[j])
+            asked = kp * (told_q[j][told[j]] - at) + kd * (told_dq[j][told[j]] - rate)
             torque = min(max(asked + summed[j], -top[j]), top[j]) - offset - viscous * speed[j]
             pulled = (torque - (weight[j] * math.sin(where[j] - turned[j]) + more)) / mass
             braked, own = (coulomb + held_by) / mass, v[j]
@@ -103,6 +105,8 @@ def moved(
 
     for k in range(len(states) - 1):
         told = [max(k - steps, 0) // fine for steps in late]
+        if k % fine == 0:
+            sampled = list(x), list(v)
         # by the middle of each step: steps that act on their start only are half a step late, which is inertia
         half = moved_by(told, 0.5 * STEP, x, v)
         after = moved_by(told, STEP, [a + 0.25 * STEP * (u + w) for a, u, w in zip(x, v, half, strict=True)], half)
