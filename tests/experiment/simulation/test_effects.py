@@ -58,7 +58,8 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
 """Effect -> joint, parameters, residual that may stay (share of what the effect leaves when it is not modelled)."""
 ELSEWHERE = {
     "lookup": "no physics of its own", "sensor_gain": "acts on tau_link", "sensor_offset": "acts on tau_link",
-    "integral_action": "needs a position loop", "velocity_filter": "needs a drive's loop", "held_loop": "needs a drive's loop",
+    "integral_action": "needs a position loop", "velocity_filter": "needs a drive's loop",
+    "held_loop": "needs a drive's loop",
 }  # fmt: skip
 
 

@@ -39,5 +39,5 @@ def test_a_robot_with_the_effect_is_written_read_and_judged(name: str, signals: 
     with_it, without = (validate(r, signals).residual for r in (robot, plain))
     change = [np.nanmax(np.abs(with_it[row] - without[row])) for row in without]
     assert np.all(np.isfinite(change))
-    # a filter of the drive, and how often it acts, in the simulated motion
+    # how a drive's loop filters and how often it acts is in the simulated motion
     assert (max(change) > 1e-3) == (LIBRARY[name].of_drive not in ("filter", "hold"))
