@@ -13,7 +13,7 @@ from elid_cli.report.tree import Report, Text
 from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.judgement import Insufficient, JointError
+    from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
     from elid_cli.estimation.result import Identification
     from elid_cli.robot.robot import Robot
 
@@ -76,15 +76,23 @@ def _lacking(gates: Gates, found: Identification) -> list[str]:
         for item in found.parameters
         if item.bias_possible and item.leader in gates.require_independent
     ]
-    return [*broken, *lacking(gates, found.insufficient)]
+    return [*broken, *lacking(gates, found.insufficient, found.noise)]
 
 
-def lacking(gates: Gates, insufficient: Sequence[Insufficient]) -> list[str]:
-    """Return the limit that rows break whose residual follows the motion, in words."""
-    from elid_cli.report.answers.lacking import rows_words
+def lacking(gates: Gates, insufficient: Sequence[Insufficient], noise: Sequence[RowNoise]) -> list[str]:
+    """Return the limit that rows break whose residual follows the motion, or is far above the noise, in words."""
+    from elid_cli.report.answers.lacking import is_unclear, rows_words
 
-    wanted = gates.fail_on_insufficient and insufficient
-    return [f"the model is insufficient: {rows_words(insufficient)}"] if wanted else []
+    if not gates.fail_on_insufficient:
+        return []
+    if insufficient:
+        return [f"the model is insufficient: {rows_words(insufficient)}"]
+    if not is_unclear(noise):
+        return []
+    loud = max(noise, key=lambda item: item.ratio)
+    return [
+        f"it is not clear that the model suffices: {loud.ratio:.2g} times the sensors' noise is left at {loud.joint}"
+    ]
 
 
 def broken_gates(

@@ -39,12 +39,26 @@ def load_robot(source: str, *, any_size: bool = False) -> Robot:
     parse_mapping(robot.log, robot, f"{source}: log")
     tip = meta.get(TIP)
     held = dict.fromkeys(beside_chain(robot, tip) if tip else (), 0.0) | dict(meta.get(LOCK) or ())
-    logs = [str(log) for log in (*(given.get("logs") or ()), given.get("after")) if log]
+    logs = [str(log) for log in (*(given.get("logs") or given.get("recordings") or ()), given.get("after")) if log]
+    held = dict.fromkeys(_not_reduced(robot, logs), 0.0) | held
     robot = robot_as_logged(robot, logs, read_map_options(given.get("maps") or ()) or None, held)
     if not any_size:
         check_size(robot, source)
     note(robot.notes, Output(json=bool(given.get("json")), quiet=bool(given.get("quiet"))))
     return robot
+
+
+def _not_reduced(robot: Robot, logs: Sequence[str]) -> list[str]:
+    """Return the joints that reduced logs were made without, where there are no others: they were locked then."""
+    from elid_cli.estimation.streaming.stored import is_triangle_file
+
+    if not (robot.source and logs and all(is_triangle_file(log) for log in logs)):
+        return []
+    from elid_cli.estimation.streaming.files import read_triangles
+
+    known = {joint for log in logs for part in read_triangles(log) for joint in part.recording.joints}
+    absent = [name for name in robot.joint_names if name not in known]
+    return absent if len(absent) < robot.n else []
 
 
 def mapping_of(reading: Reading, *, others: bool = False) -> dict[str, Any] | None:
@@ -101,8 +115,16 @@ def load_recording(
 
 def _tell_unused_gains(reading: Reading, recordings: Sequence[Recording], output: Output) -> None:
     """Note that gains are not used where no log holds commands that they could act on."""
-    if (reading.kp or reading.kd) and not any("q_des" in one.commands for one in recordings):
+    if (reading.kp or reading.kd) and recordings and not any(_commanded(one) for one in recordings):
         note(["--kp and --kd are not used: no log holds commanded positions (q_des)"], output)
+
+
+def _commanded(recording: Recording) -> bool:
+    """Whether a log held commanded positions; of a reduced one its torques say so."""
+    from elid_cli.signals.recording import joints_computed
+
+    torque = recording.sources.get("tau", "")
+    return "q_des" in recording.commands or bool(joints_computed(torque, recording.joints).any())
 
 
 def read_source(source: Source, robot: Robot, output: Output, progress: Progress | None) -> tuple[Recording, Signals]:
@@ -142,7 +164,7 @@ def log_request(source: Source, robot: Robot, spread: Spread, output: Output, pr
             together = len(every) > 1
             said = notices_of(read, kind) if together else unique_notices(("", getattr(part, kind)) for part in read)
             note(said, output, word)
-        _tell_unused_gains(source.reading, every, output)
+        _tell_unused_gains(source.reading, every or read, output)
         note(repeated([f for r in every for f in r.files], [d for r in every for d in r.sha256]), output, "warning")
 
     return LogRequest(

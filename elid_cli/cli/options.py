@@ -216,7 +216,8 @@ require_independent = option(
 )  # fmt: skip
 fail_on_insufficient = option(
     GATES, "--fail-on-insufficient", is_flag=True,
-    help="Fail when the model lacks something: the residual follows the motion, and is more than sensor noise.",
+    help="Fail when the model lacks something: what is left follows the motion, or is several times the sensors' "
+    "noise.",
 )  # fmt: skip
 gates = gathered("gates", Gates, max_error, require_independent, fail_on_insufficient)
 

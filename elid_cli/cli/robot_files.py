@@ -308,7 +308,8 @@ def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> Non
         from elid_cli.experiment.mjcf_friction import soft_attributes
         from elid_cli.robot.patch import patched
 
-        write_text(path, patched(robot, remarks, soft_attributes(robot) if suffix != ".urdf" else {}))
+        further = soft_attributes(robot) if suffix != ".urdf" else {}
+        write_text(path, patched(robot, remarks, further, Path(path).parent))
     else:
         from elid_cli.experiment.mjcf import mjcf_text
         from elid_cli.robot.urdf.write import urdf_text

@@ -64,7 +64,7 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
         report = validation_report(found, recording, robot, stretches, cases, said)
         report = illustrated(report, output, lambda build: build.validation_figures(found, signals, cases))
     emit(motor_rows_told(report, gates, found.error, output), output)
-    check_gates(gates, found.error, broken=lacking(gates, said.insufficient))
+    check_gates(gates, found.error, broken=lacking(gates, said.insufficient, said.noise))
 
 
 def _alike(name: str, first: Robot) -> Robot:

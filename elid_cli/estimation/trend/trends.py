@@ -61,6 +61,19 @@ class Trends(Shown):
         return tuple(item for item in self.trends if item.word in words)
 
 
+def _order(places: Sequence[float], count: int) -> list[int]:
+    """Return the order of so many results by their places."""
+    at = np.asarray(places, dtype=float)
+    if at.shape != (count,) or not np.isfinite(at).all():
+        raise UsageError(f"trend: places: {at.size} for {count} results", hint="one finite number per result")
+    if np.ptp(at) == 0:
+        raise UsageError(
+            "trend: all recordings have the same time", hint="give them in their order, without --by time (places=)"
+        )
+    found: list[int] = np.argsort(at, kind="stable").tolist()
+    return found
+
+
 def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis: str = "recording") -> Trends:
     """Return which base parameters of a machine change over its recordings, and what was corrected beside them.
 
@@ -74,25 +87,30 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     results
         One per recording, in order: files saved with ``--json``, or what `identify` returns.
     places
-        Place of every recording on the axis of the slopes, such as hours; default its number.
+        Place of every recording on the axis of the slopes, such as hours, by which they are put in order; default its
+        number.
     axis
         What one is on that axis, in a word.
 
     Raises
     ------
     UsageError
-        Fewer than three results, of different robots, or no parameter in three of them.
+        Fewer than three results, of different robots, or no parameter in three of them; places that are not one number
+        per result, or all the same.
     """
-    results = as_saved(results)
-    if len(results) < LEAST:
-        given = "1 recording is" if len(results) == 1 else f"{len(results)} recordings are"
-        hint = " ".join(["elid compare", *(r.file for r in results)]) if len(results) > 1 else ""
+    read = as_saved(results)
+    if places is not None and len(read) >= LEAST:
+        order = _order(places, len(read))
+        read, places = [read[k] for k in order], np.asarray(places, dtype=float)[order].tolist()
+    if len(read) < LEAST:
+        given = "1 recording is" if len(read) == 1 else f"{len(read)} recordings are"
+        hint = " ".join(["elid compare", *(r.file for r in read)]) if len(read) > 1 else ""
         raise UsageError(f"trend: {given} given, at least {LEAST} are needed", hint=hint)
-    robots = list(dict.fromkeys(result.robot for result in results))
+    robots = list(dict.fromkeys(result.robot for result in read))
     if len(robots) > 1:
         raise UsageError(f"trend: results of different robots: {', '.join(robots[:4])}")
-    at = np.arange(float(len(results))) if places is None else np.asarray(places, dtype=float)
-    known = [{**result.parameters, **result.beside} for result in results]
+    at = np.arange(float(len(read))) if places is None else np.asarray(places, dtype=float)
+    known = [{**result.parameters, **result.beside} for result in read]
     names = list(dict.fromkeys(name for parameters in known for name in parameters))
     series = []
     for name in names:
@@ -103,10 +121,10 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
             series.append(series_of(name, found[0][3], columns[0], columns[1], columns[2]))
     if not series:
         raise UsageError("trend: no parameter is estimated in three of the results",
-                         detail=", ".join(r.file for r in results[:4]))  # fmt: skip
+                         detail=", ".join(r.file for r in read[:4]))  # fmt: skip
     lines = [s.slope_p for s in series]
     steps = [s.step.p if s.step else 1.0 for s in series]
-    kinds = families(series, len(results))
+    kinds = families(series, len(read))
     named = _holm([*lines, *steps, *(kind.slope_p for kind in kinds)], FALSE_ALARMS)
     scattered = _holm([*(s.heterogeneity_p for s in series), *(kind.together_p for kind in kinds)], FALSE_ALARMS)
     trends = []
@@ -118,10 +136,10 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
         elif scattered[k]:
             word = "disagrees"
         trends.append(Trend(item, word))
-    conditions = conditions_of(results)
+    conditions = conditions_of(read)
     told = zip(kinds, named[2 * len(series) :], scattered[len(series) :], strict=True)
     judged = tuple(_judged(kind, line, apart, conditions) for kind, line, apart in told)
-    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints, axis, judged)
+    return Trends(read[0].robot, tuple(r.file for r in read), tuple(trends), read[0].joints, axis, judged)
 
 
 def _judged(kind: Family, line: bool, apart: bool, conditions: Mapping[str, Array]) -> Family:

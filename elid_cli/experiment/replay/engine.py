@@ -52,12 +52,24 @@ def mujoco_motion(robot: Robot, runs: Sequence[Run], offsets: Array, file: str |
 
 
 def _held(mujoco: Any, file: str) -> Any:
-    """Return the model of an MJCF with its free base held fixed, without shapes, actuators and what hangs on them."""
+    """Return the model of an MJCF with its free base held fixed, without actuators and what hangs on them.
+
+    Nothing touches anything. Shapes that make their bodies' inertia stay; others go, whose meshes may not be there.
+    """
     try:
         spec = mujoco.MjSpec.from_file(file)
         free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
-        for item in (*spec.keys, *spec.sensors, *spec.actuators, *spec.geoms, *spec.meshes, *free):
+        for item in (*spec.keys, *spec.sensors, *spec.actuators, *free):
             spec.delete(item)
+        for geom in list(spec.geoms):
+            if geom.parent.explicitinertial or geom.parent.name == "world":
+                spec.delete(geom)
+            else:
+                geom.contype = geom.conaffinity = 0
+        shown = {geom.meshname for geom in spec.geoms}
+        for mesh in list(spec.meshes):
+            if mesh.name not in shown:
+                spec.delete(mesh)
         return spec.compile()
     except ValueError as error:
         raise UsageError(f"{file}: MuJoCo does not read it: {error}") from None
