@@ -51,7 +51,8 @@ def test_bodies_whose_inertia_is_their_shapes_are_replayed_by_mujoco(tmp_path: P
     file = tmp_path / "rod.xml"
     file.write_text(
         '<mujoco model="rod"><worldbody><geom type="plane" size="1 1 1"/><body name="rod">'
-        '<joint name="one" axis="0 1 0" damping="0.2" armature="0.02" frictionloss="0.05"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" density="1500"/></body>'
+        '<joint name="one" axis="0 1 0" damping="0.2" armature="0.02" frictionloss="0.05"/>'
+        '<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" density="1500"/></body>'
         "</worldbody></mujoco>"
     )
     rod = read_robot(file)
@@ -67,7 +68,8 @@ def test_a_reduced_log_is_identified_with_the_robot_that_it_was_reduced_with(tmp
     urdf = (
         '<robot name="arm"><link name="base"/>{}</robot>'.format("".join(
             f'<link name="l{k}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>'
-            f'<inertia ixx=".01" iyy=".05" izz=".05" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{k}" type="revolute"><parent link="{parent}"/>'
+            f'<inertia ixx=".01" iyy=".05" izz=".05" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="j{k}" type="revolute"><parent link="{parent}"/>'
             f'<child link="l{k}"/><origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>'
             '<limit lower="-3" upper="3" effort="200" velocity="5"/><dynamics damping="0.5" friction="0.3"/></joint>'
             for k, parent in (("1", "base"), ("2", "l1"), ("3", "l2"))
