@@ -44,9 +44,9 @@ def robot_as_logged(
 
     Joints of a robot from URDF or MJCF that no log holds are locked at 0, or where `hold` says; where a log has a joint
     without any motion, it is locked there, if the log has both positions, or no torque of that joint but of others (the
-    fingers of a gripper). A transmission ``auto`` is elastic where every log
-    holds both positions of its joint and one of them shows that they differ by more than sensor noise, or where K is
-    known and a log holds the motor's position; else it is rigid. What was decided is in `Robot.notes`.
+    fingers of a gripper), or of none (commands that a brake does not follow). A transmission ``auto`` is elastic where
+    every log holds both positions of its joint and one of them shows that they differ by more than sensor noise, or
+    where K is known and a log holds the motor's position; else it is rigid. What was decided is in `Robot.notes`.
 
     Parameters
     ----------
@@ -207,8 +207,13 @@ def _looked_at(raw: RawLog, plan: ReadPlan, robot: Robot, auto: frozenset[str]) 
 
 
 def _by_numbers(raw: RawLog, plan: ReadPlan, robot: Robot) -> tuple[frozenset[str], dict[str, float]]:
-    """Return the joints that a part has positions of, and where those stand that neither move nor have a torque."""
+    """Return the joints that a part has positions of, and where those stand that neither move nor have a torque.
+
+    Of a log of commands that are those that do not move.
+    """
     chosen = {s: plan.placements[s] for s in ("q", "theta", "tau", "tau_link") if s in plan.placements}
+    # a torque that is computed of commands is none where a brake holds the joint
+    commanded = "q_des" in plan.placements and not {"tau", "tau_link"} & chosen.keys()
     found: dict[str, list[Array]] = {}
     driven: set[str] = set()
     for signal, joint, known in _sensed(raw, plan, robot, chosen):
@@ -216,7 +221,7 @@ def _by_numbers(raw: RawLog, plan: ReadPlan, robot: Robot) -> tuple[frozenset[st
             found.setdefault(joint, []).append(known.values)
         elif np.ptp(known.values) > 0:
             driven.add(joint)
-    idle = found.keys() - driven if driven else set()
+    idle = found.keys() - driven if driven or commanded else set()
     still = {j: float(np.median(found[j][0])) for j in idle if max(np.ptp(values) for values in found[j]) <= IDLE}
     return frozenset(found), {name: still[name] for name in robot.joint_names if name in still}
 

@@ -19,6 +19,7 @@ from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.decided import fit_with_columns
 from elid_cli.estimation.trajectory.differing import as_last, differing
+from elid_cli.estimation.trajectory.doubtful_joints import with_doubtful
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
     delay_name,
@@ -299,7 +300,7 @@ def identification_of(
     slow = {name: time for name, time in zip(robot.joint_names, times, strict=True) if time}
     explained = not bodies and not slow and is_at_noise(above, fit)
     known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies), "velocity_filters": slow}
-    return by_simulated_motion(
+    told = by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),
         error=error,
         standard=standard,
@@ -314,6 +315,7 @@ def identification_of(
         noise=() if explained else found.noise,
         still=np.any(base.transform[:, places[~shown]] != 0, axis=1),
     )  # fmt: skip
+    return with_doubtful(told, signals.recording, above)
 
 
 def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -> tuple[Nuisance, ...]:
