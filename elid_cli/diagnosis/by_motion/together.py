@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.poses import effects_of
-from elid_cli.diagnosis.by_motion.torque_gains import CHECK, Gains, gain_name, moved_by_gains
+from elid_cli.diagnosis.by_motion.torque_gains import CHECK, Gains, found_gains, gain_name, moved_by_gains
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
@@ -258,6 +258,18 @@ def twins_of_gains(gains: Gains | None, asked: Together | None, before: Trajecto
         Rival(e.effect, e.joint, gain_name(), e.gain, e.parameters, CHECK)
         for change in asked.changes for e in effects_of(change, before)
     )  # fmt: skip
+
+
+def gains_as_near(gains: Gains | None, asked: Together, before: TrajectoryFit) -> tuple[Rival, ...]:
+    """Return gains of the drives where changes were named, as their rivals where they come as near.
+
+    `before` is the fit without both.
+    """
+    if gains is None or clearly_nearer(asked.fit, gains.fit):
+        return ()
+    told = found_gains(before.unknowns.robot, before, gains.fit, gains, gains.deviation > 0)
+    first = asked.changes[0].by.kind.name
+    return tuple(Rival(e.effect, e.joint, first, e.gain, e.parameters, CHECK, e.std_error) for e in told)
 
 
 def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:

@@ -21,6 +21,7 @@ from elid_cli.diagnosis.by_motion.together import (
     Together,
     aware,
     clearly_nearer,
+    gains_as_near,
     rivals_of,
     simplest,
     twins_of_gains,
@@ -136,7 +137,7 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
             found = replace(found, rivals=(*found.rivals, *twins_of_gains(found.taken, asked, plain.plain)))
             found, asked, rivals = _asked_changes(found, log)
         return _by_changes(found, log, asked, rivals)[0]
-    found, log = _by_changes(found, log, asked, rivals)
+    found, log = _by_changes(found, log, asked, (*rivals, *gains_as_near(gains, asked, plain.plain)))
     if found.changes:
         found, gains, scales = _asked_gains(found, log, ())
     return _by_gains(found, log, gains, scales)[0]
