@@ -17,6 +17,7 @@ from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.bodies import other_bodies
+from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
 from elid_cli.estimation.trajectory.decided import fit_with_columns
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.doubtful_joints import with_doubtful
@@ -34,7 +35,7 @@ from elid_cli.estimation.trajectory.late_joints import declared_late, late_joint
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
-from elid_cli.estimation.trajectory.softening import columns_of
+from elid_cli.estimation.trajectory.softening import columns_of, is_unsure
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt
 from elid_cli.estimation.trajectory.words import (
@@ -143,6 +144,10 @@ def fit_of(
         alone: Beside | None = of_every(fit)
         apart = late_joints(fit, alone)
         if apart is not None and apart.is_nearer(fit):
+            if is_unsure(apart.fit):  # what delays of their own bring looked like friction that fades in
+                hard = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=False)[0]
+                again = late_joints(hard, of_every(hard))
+                apart = again if again is not None and nearer_by(apart.fit, again.fit) <= CLEARLY else apart
             alone = None
             errors[list(apart.by.joints)] = apart.deviations
             fit, columns = apart.aware(), columns_of(apart.fit)

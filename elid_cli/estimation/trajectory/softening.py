@@ -115,6 +115,13 @@ def is_worth(soft: TrajectoryFit, hard: TrajectoryFit, joint: int) -> bool:
     return bool(change.mean() < -WORTH and np.mean(change < 0) >= HELPED)
 
 
+def is_unsure(fit: TrajectoryFit) -> bool:
+    """Whether neither width nor lead of some joint's friction that fades in is clear of 0 any more."""
+    own = fit.unknowns
+    places = [own.shapes_of(own.soft[joint])[0] for joint in own.soft]
+    return any(not (fit.z[at] > SHOWN * fit.deviation[at]).any() for at in places)
+
+
 def columns_of(fit: TrajectoryFit) -> list[Array]:
     """Return how the positions of a fit's stretches change with every unknown, (N, n, U) each."""
     robot = fit.unknowns.robot
