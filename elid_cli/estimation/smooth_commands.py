@@ -30,6 +30,9 @@ where they change all the time."""
 EARLIEST = 0.1
 """The same by which the motion may seem ahead of commands, held or smooth: drives that are told often act late by half
 of their own time."""
+ALIKE = 0.02
+"""Logarithm of the error's size, per joint, by which smooth commands may be nearer where held ones need no delay and
+smooth ones half a sample."""
 WORSE = 1.2
 """Times by which torques may be predicted worse, which noise of the positions is in."""
 SMOOTH = "smooth"
@@ -123,12 +126,19 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
         return False
     nearer = nearer_by_motion(robot, held, smooth)
     if nearer is not None:
+        if nearer.at_noise and nearer.by < ALIKE * robot.n and _half_late(nearer.delays, held.dt):
+            return False
         if nearer.by or not nearer.at_noise:
             return nearer.by > 0
         # noise alone is left of both: a drive that is ahead of its commands is none
         return nearer.delays[0] < -EARLIEST * held.dt and nearer.delays[1] > -EARLIEST * held.dt
     after = _least_squares(robot, smooth)
     return ahead and _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)
+
+
+def _half_late(delays: tuple[float, float], dt: float) -> bool:
+    """Whether motion at held commands' own time is half a sample late against smooth ones: held ones, blurred."""
+    return abs(delays[0]) < EARLIEST * dt and abs(delays[1] - 0.5 * dt) < EARLIEST * dt
 
 
 def _least_squares(robot: Robot, signals: Signals) -> Identification:

@@ -26,6 +26,8 @@ BENT = 0.25
 """Part of itself by which a shape moves in one step."""
 LEAST = 1e-4
 """Usual value, SI, of a parameter that is 0 in all joints."""
+BOUNDS = 4
+"""Rounds in which unknowns that a step would bring beyond their bounds are found."""
 SETTLED = 0.1
 """Part of the standard errors that the next step must be below for the fit to end."""
 FIRST, LAST = 1e-3, 10.0
@@ -104,18 +106,20 @@ def is_small(step: Array, found: Equations) -> bool:
 
 
 def _step(unknowns: Unknowns, z: Array, found: Equations, damping: Array, *, prompt: bool) -> Array:
-    """Return the step of the unknowns, (U,): those at a bound that it would break stay there."""
+    """Return the step of the unknowns, (U,): those that it would bring beyond a bound go to it, the others beside."""
     matrix, load = found.matrix.sum(axis=0), found.load.sum(axis=0)
     more = np.append(damping, damping.max())[unknowns.chain_of]
     low, high = unknowns.bounds
-    held = np.zeros(len(z), dtype=bool)
+    held, fixed = np.zeros(len(z), dtype=bool), np.zeros(len(z))
     if prompt:
         held[unknowns.delays] = True
-    for _ in range(3):
-        step = step_of(matrix, load, DAMPING + more, held)
-        broken = ~held & (((z <= low) & (step < 0)) | ((z >= high) & (step > 0)))
+    for _ in range(BOUNDS):
+        step = step_of(matrix, load + matrix @ fixed, DAMPING + more, held) + fixed
+        end = np.clip(z + step, low, high)
+        broken = ~held & (end != z + step)
         if not broken.any():
             break
+        fixed[broken] = (end - z)[broken]
         held |= broken
     part = _within_reach(unknowns, z, step)
     shortened: Array = (part if prompt else np.full_like(part, part.min()))[unknowns.chain_of] * step

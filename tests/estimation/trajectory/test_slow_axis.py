@@ -70,7 +70,7 @@ def test_a_creeping_axis_is_found_again(axis: Robot, monkeypatch: pytest.MonkeyP
     assert found.values[0, 1] == pytest.approx(COULOMB, rel=0.05)
     assert found.settled_rms[0] < 1.4 * NOISE
 
+    # without a second start as well: an inertia that a step would take away goes to its bound, and comes back
     monkeypatch.setattr(decided, "_lost", lambda fit, start: False)
-    lost = fit_trajectory(axis, runs, start)
-    assert lost.values[0, 0] < 0.01 * ARMATURE
-    assert lost.settled_rms[0] > 5 * NOISE
+    alone = fit_trajectory(axis, runs, start)
+    assert abs(alone.values[0, 0] - ARMATURE) < 3 * error[0]
