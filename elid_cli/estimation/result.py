@@ -98,6 +98,10 @@ class FittedEffect:
     """Standard errors of the amplitudes, by name."""
 
 
+ROUNDING = 1e-9
+"""Part of a value, or of its standard error, below which the file's is 0 but for rounding."""
+
+
 @dataclass(frozen=True)
 class BaseEstimate:
     """One base parameter as a log gives it."""
@@ -120,8 +124,9 @@ class BaseEstimate:
 
     @property
     def relative_error(self) -> float:
-        """|estimate - reference| / |reference|; NaN where there is no non-zero reference."""
-        if self.reference == 0 or not np.isfinite(self.reference):
+        """|estimate - reference| / |reference|; NaN where there is no reference, or one that is 0 but for rounding."""
+        least = ROUNDING * np.nanmax([abs(self.estimate), self.std_error, 0.0])
+        if not abs(self.reference) > least:
             return float("nan")
         return abs(self.estimate - self.reference) / abs(self.reference)
 
