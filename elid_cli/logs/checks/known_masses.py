@@ -35,6 +35,9 @@ NOTHING = 0.05
 """Part of the largest weight below which a joint's own says nothing: fingers, wrists that turn about their centre."""
 FOLLOWS = 0.8
 """Correlation of torque and weight from which a torque is too large for it; else it may be anything, inertia too."""
+TURNED = 1.6
+"""Times its weight that a torque of a turned sign pulls at most: more is what fast motion makes of it, but where it
+follows the weight."""
 ALIKE = 0.05
 """Relative difference of joints' scales that counts as none."""
 UNITS = {1000.0: "unit: mN.m"}
@@ -104,7 +107,11 @@ def wrong_scales(log: Weighed, plan: ReadPlan, *, signal: str = "tau", computed:
             f"{signal} of {in_words([names[s.joint] for s in idle])} {WEIGHTLESS} of the described bodies: gravity was "
             f"taken out of it, something else carries them, or {WRONG}, or the masses or the gravity of {robot.name}"
         )
-    opposed = [s for s in scales if s.correlation < -FAINT and s.ratio + SURE * s.deviation < -1 / WRONG_SCALE]
+    opposed = [
+        s for s in scales
+        if s.correlation < -FAINT and s.ratio + SURE * s.deviation < -1 / WRONG_SCALE
+        and (s.ratio > -TURNED or s.correlation < -FOLLOWS)
+    ]  # fmt: skip
     if opposed:
         against = [names[s.joint] for s in opposed]
         turning = names if len(opposed) == len(scales) > 1 else against
