@@ -29,6 +29,11 @@ from elid_cli.robot.zeros import with_zeros
 NUDGE = 1e-3
 """rad by which the robot is turned to see what it does."""
 
+UNFELT = 30.0
+"""Times the error of the turn that joints feel best from which another one is not felt."""
+LEAST_FELT = 1e-3
+"""Part of a turn that an angle has at least, for its error."""
+
 
 class Angles(Change):
     """Angles, rad, by which a robot is turned against its description."""
@@ -70,6 +75,27 @@ class BaseAngles(Angles):
 
 
 @dataclass(frozen=True)
+class OneTurn(BaseAngles):
+    """Roll and pitch of a base in a fixed ratio: the turn about one axis that the joints feel, as all are parallel."""
+
+    direction: tuple[float, float]
+    count = 1
+    summary = "base not level, or gravity described wrongly; the joints' axes are parallel: they feel this turn alone"
+
+    def robot(self, level: Robot, values: Array) -> Robot:
+        """Return the robot in gravity turned by the angle."""
+        return tilted(level, float(values[0]) * np.array(self.direction))
+
+    def named(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return roll and pitch."""
+        return float(values[0]) * np.array(self.direction)
+
+    def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
+        """Return their standard errors, as far as they are felt."""
+        return float(deviations[0]) * np.maximum(np.abs(self.direction), LEAST_FELT)
+
+
+@dataclass(frozen=True)
 class Zeros(Angles):
     """Zeros of joints' encoders."""
 
@@ -94,8 +120,22 @@ class Zeros(Angles):
 
 
 def tilt_of(before: TrajectoryFit) -> Changed | None:
-    """Return the tilt that the motion asks for beside drives and delays; None where it asks for none."""
-    return changed(before, BaseAngles()) if any(before.unknowns.robot.gravity) else None
+    """Return the tilt that the motion asks for beside drives and delays; None where it asks for none.
+
+    Where all joints are parallel, one angle is hardly felt: the turn that is felt stands for both.
+    """
+    robot, both = before.unknowns.robot, BaseAngles()
+    if not any(robot.gravity):
+        return None
+    moved = both.moved(before, robot, np.zeros(both.count))
+    whole = np.concatenate([part.reshape(-1, both.count) for part in moved])
+    felt, axes = np.linalg.eigh(whole.T @ whole)
+    variances = np.linalg.eigvalsh(Beside.of(before, moved).spread)
+    alike = felt[0] * UNFELT**2 < felt[1] or variances[1] > UNFELT**2 * variances[0]
+    if alike and np.diag(whole.T @ whole).all():  # an angle that no joint feels at all moves nothing
+        direction = axes[:, -1]
+        return changed(before, OneTurn((float(direction[0]), float(direction[1]))))
+    return changed(before, both)
 
 
 def zeros_of(before: TrajectoryFit) -> Changed | None:
