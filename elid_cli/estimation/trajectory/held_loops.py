@@ -64,8 +64,8 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     recording = signals.recording
     above = fit.above_noise(signals)
     declared = declared_loops(fit.unknowns.robot).any() or any(item.run.drives.held is not None for item in fit.tracked)
-    if recording is None or declared or (above > NEAR).any() or not matters(fit, recording).any():
-        return fit
+    if recording is None or recording.smooth or declared or (above > NEAR).any() or not matters(fit, recording).any():
+        return fit  # drives that are told more often than is logged act more often, too
     away = np.abs(fit.delays / recording.dt - np.round(fit.delays / recording.dt))
     again = None if (away > WHOLE).any() else _refitted(fit)
     if again is None:
