@@ -117,6 +117,9 @@ def _step(unknowns: Unknowns, z: Array, found: Equations, damping: Array, *, pro
         step = step_of(matrix, load + matrix @ fixed, DAMPING + more, held) + fixed
         end = np.clip(z + step, low, high)
         broken = ~held & (end != z + step)
+        broken[unknowns.drives :] &= (end == z)[
+            unknowns.drives :
+        ]  # shapes are not linear: one that is on its way goes on
         if not broken.any():
             break
         fixed[broken] = (end - z)[broken]
