@@ -8,8 +8,7 @@ they none: one of them may be a tool that the robot does not carry. A body that 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from elid_cli.robot.fixed_bodies import fixed_to, joined
 from elid_cli.robot.inertia import pseudo_inertia, real_tensor
 from elid_cli.robot.locking import locked
 from elid_cli.robot.mjcf.patch import patch_mjcf
+from elid_cli.robot.mjcf.places import name_from
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.patch_values import SAME, Change, Changes, named, near, other
 from elid_cli.robot.robot import Joint, Robot
@@ -33,13 +33,6 @@ from elid_cli.robot.written_bodies import inertial, is_real
 from elid_cli.robot.xml_edit import XmlEdit
 from elid_cli.robot.xml_text import xml_attributes, xml_number, xml_numbers
 from elid_cli.robot.zeros import with_zeros, zero_between
-
-PLACES = {
-    "meshdir": ("mesh", "skin", "hfield"),
-    "texturedir": ("texture",),
-    "assetdir": ("mesh", "skin", "hfield", "texture"),
-}
-"""Attribute of an MJCF's compiler that names a folder -> the elements whose files are in it."""
 
 
 def patched(
@@ -83,39 +76,10 @@ def patched(
     if edit.root.tag == "mujoco":
         patch_mjcf(edit, text, robot, changes, before, further or {})
         if folder is not None:
-            _name_from(edit, Path(robot.source).parent, folder)
+            name_from(edit, Path(robot.source).parent, folder)
     else:
         _patch_urdf(edit, changes, bool(robot.held))
     return edit.text()
-
-
-def _name_from(edit: XmlEdit, old: Path, new: Path) -> None:
-    """Name the files that an MJCF in one folder includes and shows from another one."""
-    if old.resolve() == new.resolve():
-        return
-
-    def moved(element: Element, attribute: str) -> None:
-        place = element.attributes.get(attribute)
-        if place is not None and not Path(place).is_absolute():
-            there = os.path.relpath((old / place).resolve(), new.resolve())
-            edit.set_attributes(element, {attribute: Path(there).as_posix()})
-
-    every = list(_all(edit.root))
-    compilers = [element for element in every if element.tag == "compiler"]
-    named = {
-        tag for attribute, tags in PLACES.items() if any(attribute in e.attributes for e in compilers) for tag in tags
-    }
-    for element in every:
-        if element.tag == "include" or (element.tag in PLACES["assetdir"] and element.tag not in named):
-            moved(element, "file")
-        for attribute in PLACES if element.tag == "compiler" else ():
-            moved(element, attribute)
-
-
-def _all(element: Element) -> Iterator[Element]:
-    yield element
-    for child in element.children:
-        yield from _all(child)
 
 
 def _change(old: Joint, new: Joint) -> Array | None:

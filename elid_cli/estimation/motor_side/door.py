@@ -132,7 +132,7 @@ def with_motor_side(found: Identification, side: MotorSide | None, *, corrected:
         if joint.verdict == "refused":
             hidden[name] = joint.says
         notes.append(f"{name}: {_note(joint, side.source)}")
-    from elid_cli.estimation.motor_side.hidden_motion import bent, rubbed
+    from elid_cli.estimation.motor_side.hidden_motion import bent, with_doubted_friction
 
     limit = rigid_limit(side)
     if limit is not None:
@@ -148,7 +148,7 @@ def with_motor_side(found: Identification, side: MotorSide | None, *, corrected:
         notes.append(f"all other parameters are those of rigid joints, which hold up to {limit:.3g} Hz; {word}")
     if (limit is not None and not corrected) or any(_may_bend(found, joint) for joint in side.joints):
         found = bent(found)
-    found = rubbed(found, side.joints)
+    found = with_doubted_friction(found, side.joints)
     return replace(found, hidden=hidden, notes=tuple(notes), motor_side=replace(side, corrected=corrected))
 
 

@@ -99,7 +99,7 @@ def _widened(item: BaseEstimate, by: float, matters: float) -> BaseEstimate:
     return replace(item, std_error=deviation, verdict="weak", reason=reason)
 
 
-def rubbing(found: Identification, joints: Sequence[MotorSideJoint]) -> dict[str, float]:
+def undeclared_load_friction(found: Identification, joints: Sequence[MotorSideJoint]) -> dict[str, float]:
     """Return friction over the load of joints that the motor side shows and the robot does not declare, by name.
 
     Only where it is more than a fit without it knows of their friction.
@@ -116,12 +116,12 @@ def rubbing(found: Identification, joints: Sequence[MotorSideJoint]) -> dict[str
     return told
 
 
-def rubbed(found: Identification, joints: Sequence[MotorSideJoint]) -> Identification:
+def with_doubted_friction(found: Identification, joints: Sequence[MotorSideJoint]) -> Identification:
     """Return an identification whose friction may be biased where it depends on what the fit knows nothing of.
 
     That is a load whose friction the motor side shows, or anything that is left beside a stiffness that nobody knows.
     """
-    loaded = rubbing(found, joints)
+    loaded = undeclared_load_friction(found, joints)
     loud = {noise.joint for noise in found.noise if noise.ratio > LOUD}
     own = {j.number for j in joints if j.joint in loaded or (j.verdict == "refused" and j.joint in loud)}
     marked = (

@@ -32,7 +32,9 @@ def standing(robot: Robot, recording: Recording) -> list[int]:
     return [] if all(still) else [k for k, one in enumerate(still) if one]
 
 
-def with_doubtful(found: Identification, recording: Recording | None, ratios: Mapping[str, float]) -> Identification:
+def with_doubtful_joints(
+    found: Identification, recording: Recording | None, ratios: Mapping[str, float]
+) -> Identification:
     """Return a fit to the motion whose values are known roughly, and may be biased, where the motion is no ground.
 
     Those of joints that are told to stand still, and of joints that are simulated far off; and of those that they are

@@ -20,7 +20,7 @@ from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
 from elid_cli.estimation.trajectory.decided import fit_with_columns
 from elid_cli.estimation.trajectory.differing import as_last, differing
-from elid_cli.estimation.trajectory.doubtful_joints import with_doubtful
+from elid_cli.estimation.trajectory.doubtful_joints import with_doubtful_joints
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
     delay_name,
@@ -320,7 +320,7 @@ def identification_of(
         noise=() if explained else found.noise,
         still=np.any(base.transform[:, places[~shown]] != 0, axis=1),
     )  # fmt: skip
-    return with_doubtful(told, signals.recording, above)
+    return with_doubtful_joints(told, signals.recording, above)
 
 
 def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -> tuple[Nuisance, ...]:

@@ -133,7 +133,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     if horizon is not None and horizon < 5 * recording.dt:
         raise UsageError(f"--horizon {horizon:g}: shorter than five samples of {recording.dt:g} s")
     _no_driving_friction(robot)
-    offsets, left_out = _of_channels(robot)
+    offsets, left_out = _of_channels(robot, recording.dt)
     delays, gains, rates = declared_shifts(robot).torque, declared_gains(robot), declared_integrals(robot)
     times = declared_filters(robot)
     recording = with_commands(recording, options.commands, commanded=by_commands)
@@ -243,11 +243,13 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
     return added
 
 
-def _of_channels(robot: Robot) -> tuple[Array, tuple[str, ...]]:
+def _of_channels(robot: Robot, dt: float) -> tuple[Array, tuple[str, ...]]:
     """Return the torque offsets that the robot declares, N·m (N), (n,), and effects left out."""
-    offsets, left = np.zeros(robot.n), []
+    offsets, left, holds = np.zeros(robot.n), [], holding(robot, dt)
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
+        if kind.of_drive == "hold" and not holds[joint]:  # of another time than the log's samples
+            left.append(_named(spec))
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
         elif not (kind.of_drive in ("gain", *LOOPS) or kind.corrects or kind.of_channel or can_act(kind)):

@@ -150,9 +150,9 @@ def _load_words(found: Identification) -> str:
     """Return whose friction grows with the load, as the motor side shows, in a sentence or two; else nothing."""
     if found.motor_side is None:
         return ""
-    from elid_cli.estimation.motor_side.hidden_motion import rubbing
+    from elid_cli.estimation.motor_side.hidden_motion import undeclared_load_friction
 
-    loaded = rubbing(found, found.motor_side.joints)
+    loaded = undeclared_load_friction(found, found.motor_side.joints)
     if not loaded:
         return ""
     said = listed([f"{name} ({share_text(share)} of the load)" for name, share in loaded.items()])

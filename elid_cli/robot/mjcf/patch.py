@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from elid_cli.robot.locking import motion
 from elid_cli.robot.mjcf.elements import axis_of, stiffness_and_rest
 from elid_cli.robot.mjcf.held import DAMPING, LINK_EFFECTS, SPRING, declared
 from elid_cli.robot.mjcf.moving import MovingJoint
+from elid_cli.robot.mjcf.places import elements
 from elid_cli.robot.mjcf.read import MjcfTree
 from elid_cli.robot.mjcf.rotors import Rotor
 from elid_cli.robot.patch_values import SAME, Change, Changes, named, near, other
@@ -45,7 +46,7 @@ def patch_mjcf(
     further
         Further attributes of joints, by their names.
     """
-    _Patch(edit, MjcfTree(text, robot.source), robot, {(e.tag, e.start): e for e in _all(edit.root)}).make(
+    _Patch(edit, MjcfTree(text, robot.source), robot, {(e.tag, e.start): e for e in elements(edit.root)}).make(
         changes, before, further
     )
 
@@ -250,9 +251,3 @@ def _limit(limit: float | None, turns: float) -> dict[str, str]:
         return {"actuatorfrclimited": "false"}
     most = limit / turns
     return {"actuatorfrclimited": "true", "actuatorfrcrange": f"{xml_number(-most)} {xml_number(most)}"}
-
-
-def _all(element: Element) -> Iterator[Element]:
-    yield element
-    for child in element.children:
-        yield from _all(child)

@@ -64,6 +64,11 @@ def test_loops_that_hold_are_found_and_the_written_robot_has_them(
     assert replay(again, other, ReplayOptions(engine="mujoco")).mean_abs < 10 * NOISE  # its steps of 1 ms
     bare = replace(again, effects=tuple(spec for spec in again.effects if spec.effect != "held_loop"))
     assert replay(bare, other).mean_abs > 5 * NOISE
+    slower = tuple(
+        replace(spec, parameters={"period": 4 * DT}) if spec.effect == "held_loop" else spec for spec in again.effects
+    )
+    assert not replay(again, other).left_out
+    assert replay(replace(again, effects=slower), other).left_out  # no loop of another time is simulated
     signals = prepare(read_recording([written(tmp_path, "other.h5", other)], again), again)
     for joint in again.joint_names:
         assert validate(again, signals).error[joint].relative < 0.5 * validate(bare, signals).error[joint].relative
