@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from elid_cli._types import Array
+
+Stepped = Literal["explicit", "implicit"]
+"""Semi-implicit Euler steps, as simulators take them: positions go on with the new velocity, and the drives' torque is
+that of a step's start, their damping that of its end where it is implicit; that of the joints always is."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +30,13 @@ class Drives:
     smoothing: Array | None = None
     """Time constants of the filters of velocity, s, (S, n): x' in ``kd x'`` passes a first-order one; None: 0."""
     held: Array | None = None
-    """1 of drives that compute their torque at the log's samples and hold it until the next one, (S, n); None: 0."""
+    """How often in a sample drives compute their torque, the first time at its instant, and hold it until the next
+    time, (S, n); 0 of those that act all the time. None: 0."""
     lag: Array | None = None
-    """By how much later than its sample such a torque begins to act, s, (S, n), within a sample; of simulators whose
-    steps make it seem so, earlier. None: 0."""
+    """By how much later than it is computed such a torque begins to act, s, (S, n), within that time; of simulators
+    whose steps make it seem so, earlier. None: 0."""
+    stepped: Stepped | None = None
+    """How the log's simulator steps, where it is one that does so as long as these steps; None: motion is smooth."""
 
 
 def filter_weights(smoothing: Array, h: float) -> tuple[Array, Array, Array, Array]:

@@ -134,7 +134,9 @@ def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
     told, kp, kd, ki, smoothing, holding, lag = (
         np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, *parts)
     )
-    return Drives(told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing, holding, lag)
+    return Drives(
+        told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing, holding, lag, drives.stepped
+    )
 
 
 def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joints:

@@ -33,13 +33,19 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, ki: Array,
     holds: Array, lag: Array, half_way: Array, ramp: Array, whole: Array, rise: Array, x0: Array, v0: Array,
     inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array,
-    width: Array, lead: Array, push: Array, grip: Array, dt: float, xs: Array, vs: Array,
+    width: Array, lead: Array, push: Array, grip: Array, dt: float, later: float, damped: float, xs: Array, vs: Array,
 ) -> None:  # fmt: skip
-    """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout.Local`."""
+    """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout.Local`.
+
+    `later` is the part of a step at which what drives the motion is taken: half, of Euler's 0, where `damped` is 1 if
+    the drives' damping is implicit (`drives.Stepped`).
+    """
     # scalars only: expressions of arrays take Numba seconds to compile, and memory at every step
     instants, variants, stretches, chains, size = xs.shape
     each = len(told) // (instants - 1)
     h = dt / each
+    smooth = 2.0 * later
+    between = 0.5 if later > 0.0 else 0.5 * (each - 1) / each  # of two instants, where a mass stands for its steps
     inverse, bend = np.empty((size, size)), np.empty((size, size))
     x, v, held, middle, rhs, faster = (np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
                                        np.empty(size))  # fmt: skip
@@ -48,7 +54,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
         np.empty(size))  # fmt: skip
     soft, wide, ahead, slowed, summed = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     seen = np.empty(size)  # the velocity as a drive's filter has it
-    sampled, older = np.empty(size), np.empty(size)  # the torque of drives that hold it for a sample, and the last one
+    sampled, older = np.empty(size), np.empty(size)  # the torque of drives that hold it, and the last one
     for a in range(variants):
         for s in range(stretches):
             for c in range(chains):
@@ -62,11 +68,12 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                         pulled[i], pull[i] = force[k, s, c, i], force[k + 1, s, c, i] - force[k, s, c, i]
                         for m in range(size):
                             half = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
-                            full = 0.5 * (mass[k, s, c, i, m] + mass[k + 1, s, c, i, m]) + 0.25 * h * h * half
-                            bend[i, m], inverse[i, m] = half, full
-                        inverse[i, i] += inertia[a, s, c, i] + 0.5 * h * viscous[a, s, c, i]
+                            full = (1.0 - between) * mass[k, s, c, i, m] + between * mass[k + 1, s, c, i, m]
+                            bend[i, m], inverse[i, m] = half, full + smooth * 0.25 * h * h * half
+                        inverse[i, i] += inertia[a, s, c, i] + (1.0 - later) * h * viscous[a, s, c, i]
                         if holds[s, c, i] == 0.0:
-                            inverse[i, i] += h * ramp[s, c, i] * kd[s, c, i] + 0.25 * h * h * kp[s, c, i]
+                            stiff = smooth * (ramp[s, c, i] * kd[s, c, i] + 0.25 * h * kp[s, c, i])
+                            inverse[i, i] += h * (stiff + damped * kd[s, c, i])
                     for n in range(size):  # Gauss-Jordan in place; a mass matrix needs no pivots
                         pivot = 1.0 / inverse[n, n]
                         inverse[n, n] = 1.0
@@ -80,11 +87,6 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                     inverse[i, m] -= factor * inverse[n, m]
                     p, g = k if len(push) > 1 else 0, k if len(grip) > 1 else 0
                     for i in range(size):
-                        older[i] = sampled[i]
-                        sampled[i] = told[k * each, s, c, i] - kp[s, c, i] * x[i] - kd[s, c, i] * seen[i]
-                        sampled[i] -= ki[s, c, i] * summed[i]
-                        if k == 0:
-                            older[i] = sampled[i]
                         pushed[i] = push[p, a, s, c, i]
                         bound[i], soft[i] = h * max(coulomb[a, s, c, i] + grip[g, a, s, c, i], 0.0), 0.0
                         if friction[a, s, c, i] > 0.0:  # what effects add fades in as well
@@ -92,23 +94,31 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             soft[i] = h * max(friction[a, s, c, i] + grip[g, a, s, c, i], 0.0)
                         where[i], move[i] = place[k, s, c, i], place[k + 1, s, c, i] - place[k, s, c, i]
                     for j in range(each):
-                        w = (j + 0.5) / each
+                        w, now = (j + later) / each, k * each + j
                         for i in range(size):
-                            middle[i] = x[i] + 0.5 * h * v[i]
+                            middle[i] = x[i] + later * h * v[i]
                             off[i] = middle[i] - (where[i] + w * move[i])
                         for i in range(size):
-                            drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i]
+                            drive = told[now, s, c, i] - kp[s, c, i] * middle[i]
                             part = half_way[s, c, i]
                             drive -= kd[s, c, i] * (part * v[i] + (1.0 - part) * seen[i])
-                            drive -= ki[s, c, i] * (summed[i] + 0.5 * h * x[i])
+                            drive -= ki[s, c, i] * (summed[i] + later * h * x[i])
                             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
-                            given = (ramp[s, c, i] * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
+                            given = smooth * (ramp[s, c, i] * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
                             if holds[s, c, i] > 0.0:
                                 given = 0.0
-                                behind = min(max(lag[s, c, i] / h - j, 0.0), 1.0)
+                                period = max(round(each / holds[s, c, i]), 1)
+                                phase = j % period
+                                if phase == 0:
+                                    older[i] = sampled[i]
+                                    sampled[i] = told[now, s, c, i] - kp[s, c, i] * x[i] - kd[s, c, i] * seen[i]
+                                    sampled[i] -= ki[s, c, i] * summed[i]
+                                    if now == 0:
+                                        older[i] = sampled[i]
+                                behind = min(max(lag[s, c, i] / h - phase, 0.0), 1.0)
                                 drive = behind * older[i] + (1.0 - behind) * sampled[i]
-                                if lag[s, c, i] < 0.0 and j == each - 1:
-                                    coming = told[min((k + 1) * each, len(told) - 1), s, c, i]
+                                if lag[s, c, i] < 0.0 and phase == period - 1:
+                                    coming = told[min(now + 1, len(told) - 1), s, c, i]
                                     coming -= kp[s, c, i] * (x[i] + h * v[i]) + kd[s, c, i] * seen[i]
                                     coming -= ki[s, c, i] * (summed[i] + h * x[i])
                                     drive -= lag[s, c, i] / h * (coming - sampled[i])
@@ -129,7 +139,14 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                 give = inverse[i, i]
                                 if soft[i] > 0.0 or slowed[i] != 0.0:
                                     free, new = faster[i] + give * slowed[i], 0.0
-                                    if soft[i] > 0.0:
+                                    if soft[i] > 0.0 and later == 0.0:
+                                        steep = soft[i] / wide[i]
+                                        # what it follows is the acceleration without the damping of the step's end
+                                        slow = h * (viscous[a, s, c, i] + damped * kd[s, c, i]) * give
+                                        lead_of = ahead[i] / max(1.0 - slow, 0.1)
+                                        new = steep * (v[i] + lead_of * (free - v[i])) / (1 + steep * lead_of * give)
+                                        new = min(max(new, -soft[i]), soft[i])
+                                    elif soft[i] > 0.0:
                                         new = faded(v[i], free, give, soft[i], wide[i], ahead[i])
                                     change = new - slowed[i]
                                     if abs(change) > SAME * soft[i]:
@@ -140,7 +157,9 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                 # of one that passes through rest, friction turns when it does
                                 free = faster[i] + give * held[i]
                                 low, high = -bound[i], bound[i]
-                                if v[i] > 0.0:
+                                if later == 0.0:
+                                    pass  # a step's friction is one, whatever the velocity's sign at its start
+                                elif v[i] > 0.0:
                                     end = free - give * high
                                     if end < 0.0:
                                         low = high * (v[i] + end) / (v[i] - end)
@@ -159,7 +178,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                 break
                         for i in range(size):
                             summed[i] += h * x[i] + 0.25 * h * h * (v[i] + faster[i])
-                            x[i] += 0.5 * h * (v[i] + faster[i])
+                            x[i] += h * (later * v[i] + (1.0 - later) * faster[i])
                             gained[i] = faster[i] - v[i]
                             seen[i] += whole[s, c, i] * (v[i] - seen[i]) + rise[s, c, i] * gained[i]
                             v[i] = faster[i]

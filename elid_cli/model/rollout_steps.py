@@ -36,7 +36,7 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
     # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
     ready = (np.require(values, requirements=("C", "W")) for values in (*arrays, *flat))
     with np.errstate(all="ignore"):  # of what runs away, as the compiled loops have it
-        take(*ready, dt, x, v)
+        take(*ready, dt, 0.5 if drives.stepped is None else 0.0, float(drives.stepped == "implicit"), x, v)
     return x, v
 
 
@@ -75,52 +75,63 @@ def advance_arrays(
     ki = 0.0 if drives.ki is None else drives.ki
     holds = np.zeros(drives.kp.shape, dtype=bool) if drives.held is None else drives.held > 0
     acting = np.where(holds, 0.0, 1.0)  # of what a drive gives as it moves within a sample
-    lag, kept = (0.0 if drives.lag is None else drives.lag) / h, None
+    often = np.ones(drives.kp.shape) if drives.held is None else np.maximum(drives.held, 1.0)
+    periods = np.maximum(np.round(steps / often), 1)
+    lag = np.zeros(drives.kp.shape) if drives.lag is None else drives.lag / h
+    older = sampled = np.zeros(shape)
     push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
     friction, width, ahead = (np.broadcast_to(values, shape) for values in _fading(joints))
     ahead, slowed, fades = ahead / h, np.zeros(shape), friction > 0
+    later, damped = 0.5 if drives.stepped is None else 0.0, float(drives.stepped == "implicit")
+    smooth, between = 2.0 * later, 0.5 if later else 0.5 * (steps - 1) / steps
     for k in range(instants - 1):
         bend = 0.5 * (part.slope[k] + part.slope[k + 1])
-        mass = np.broadcast_to(0.5 * (part.mass[k] + part.mass[k + 1]), (*shape, size)).copy()
+        half_way = (1.0 - between) * part.mass[k] + between * part.mass[k + 1]
+        mass = np.broadcast_to(half_way, (*shape, size)).copy()
         mass[..., diagonal, diagonal] += joints.inertia
-        full = mass + 0.25 * h * h * bend
-        stiff = acting * (h * ramp * drives.kd + 0.25 * h * h * drives.kp)
-        full[..., diagonal, diagonal] += 0.5 * h * joints.viscous + stiff
+        full = mass + smooth * 0.25 * h * h * bend
+        stiff = acting * (smooth * (ramp * drives.kd + 0.25 * h * drives.kp) + damped * drives.kd)
+        full[..., diagonal, diagonal] += h * ((1.0 - later) * joints.viscous + stiff)
         inverse = np.linalg.inv(full)
         give = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
         columns = [inverse[..., :, i] for i in every]
         more = grip[k if len(grip) > 1 else 0]
         bound = h * np.maximum(joints.coulomb + np.where(fades, 0.0, more), 0.0)
         soft = h * np.where(fades, np.maximum(friction + more, 0.0), 0.0)  # what effects add fades in as well
+        # the acceleration that friction follows is that without the damping of the step's end
+        slow = 1.0 if later else np.maximum(1.0 - h * (joints.viscous + damped * drives.kd) * give, 0.1)
+        lead = ahead / slow
         pulled, place = part.force[k] + joints.offset + push[k if len(push) > 1 else 0], part.place[k]
         pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
-        sampled = drives.told[k * steps] - drives.kp * x - drives.kd * seen - ki * summed
-        older, kept = sampled if kept is None else kept, sampled
-        ahead_told = drives.told[min((k + 1) * steps, len(drives.told) - 1)]
         for j in range(steps):
-            middle = x + 0.5 * h * v
-            drive = drives.told[k * steps + j] - drives.kp * middle - ki * (summed + 0.5 * h * x)
+            middle = x + later * h * v
+            drive = drives.told[k * steps + j] - drives.kp * middle - ki * (summed + later * h * x)
             drive -= drives.kd * (half * v + (1.0 - half) * seen)
             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
-            given = acting * (ramp * drives.kd + 0.25 * h * drives.kp) * gained
+            given = smooth * acting * (ramp * drives.kd + 0.25 * h * drives.kp) * gained
             if holds.any():
-                behind = np.clip(lag - j, 0.0, 1.0)
+                at, phase = k * steps + j, j % periods
+                computed = drives.told[at] - drives.kp * x - drives.kd * seen - ki * summed
+                older = computed if at == 0 else np.where(phase == 0, sampled, older)
+                sampled = np.where(phase == 0, computed, sampled)
+                behind = np.clip(lag - phase, 0.0, 1.0)
                 now = behind * older + (1.0 - behind) * sampled
-                if j == steps - 1:
-                    coming = ahead_told - drives.kp * (x + h * v) - drives.kd * seen - ki * (summed + h * x)
-                    now += np.maximum(-lag, 0.0) * (coming - sampled)
+                coming = drives.told[min(at + 1, len(drives.told) - 1)]
+                coming = coming - drives.kp * (x + h * v) - drives.kd * seen - ki * (summed + h * x)
+                now += np.where(phase == periods - 1, np.maximum(-lag, 0.0), 0.0) * (coming - sampled)
                 drive = np.where(holds, now, drive)
             drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
-            drive -= pulled + (j + 0.5) * pull
-            drive -= _times(bend, middle - (place + (j + 0.5) * move))
+            drive -= pulled + (j + later) * pull
+            drive -= _times(bend, middle - (place + (j + later) * move))
             faster = v + _times(inverse, h * drive - held - slowed)
             for _ in range(SWEEPS):
                 for i in every:
                     here = own[i]
                     if fades[here].any():
                         free = faster[here] + give[here] * slowed[here]
-                        now = _faded(v[here], free, give[here], soft[here], width[here], ahead[here])
+                        fade = _faded if later else _faded_at_once
+                        now = fade(v[here], free, give[here], soft[here], width[here], lead[here])
                         faster -= columns[i] * (now - slowed[here])[..., None]
                         slowed[here] = now
                     free, slid = faster[here] + give[here] * held[here], np.sign(v[here]) * bound[here]
@@ -128,13 +139,13 @@ def advance_arrays(
                     end = free - give[here] * slid
                     with np.errstate(divide="ignore", invalid="ignore"):
                         turned = np.where(end * v[here] < 0, slid * (v[here] + end) / (v[here] - end), -slid)
-                    still = v[here] == 0
+                    still = (v[here] == 0) | (later == 0.0)
                     low = np.where(still, -bound[here], np.minimum(slid, turned))
                     high = np.where(still, bound[here], np.maximum(slid, turned))
                     now = np.clip(free / give[here], low, high)
                     faster -= columns[i] * (now - held[here])[..., None]
                     held[here] = now
-            x, before = x + 0.5 * h * (v + faster), x
+            x, before = x + h * (later * v + (1.0 - later) * faster), x
             summed += 0.5 * h * (before + x)
             seen = (1.0 - whole) * seen + whole * v + rise * (faster - v)
             gained, v = faster - v, faster
@@ -150,6 +161,13 @@ def _faded(v: Array, free: Array, give: Array, bound: Array, width: Array, ahead
     sliding = (bound == 0) | (np.minimum(found * (v + far), found * (end + far)) >= bound * width)
     parts = (part[~sliding] for part in (v, free, give, bound, width, ahead))
     found[~sliding] = [faded(*values) for values in zip(*(part.tolist() for part in parts), strict=True)]
+    return found
+
+
+def _faded_at_once(v: Array, free: Array, give: Array, bound: Array, width: Array, ahead: Array) -> Array:
+    """Return the impulse of friction that fades in over a step of Euler's: of the velocity at its start."""
+    steep = bound / width
+    found: Array = np.clip(steep * (v + ahead * (free - v)) / (1.0 + steep * ahead * give), -bound, bound)
     return found
 
 

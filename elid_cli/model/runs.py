@@ -9,12 +9,11 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.model.coordinates import Coordinates
-from elid_cli.model.drives import Drives
+from elid_cli.model.drives import Drives, Stepped
 from elid_cli.model.rollout import STEP
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import integrals
@@ -67,9 +66,11 @@ class Run:
         steps = finer * len(self.drives.told) // (len(self.t) - 1)
         way, samples, lag = _way(commanded, self.smooth), (late + self.extra) / self.dt, None
         if self.drives.held is not None:  # a loop is told commands at its samples, the rest passes before it acts
-            whole = np.where(self.drives.held > 0, np.round(samples), samples)
+            often = np.maximum(self.drives.held, 1.0)
+            whole = np.where(self.drives.held > 0, np.round(samples * often) / often, samples)
             samples, lag = whole, self.dt * (samples - whole)
-        acting = _between(self.told, steps, samples, way)
+        at = 0.5 if self.drives.held is None else np.where(self.drives.held > 0, 0.0, 0.5)
+        acting = _between(self.told, steps, samples, way, at)
         if self.drives.ki is not None and self.aim is not None:
             acting += self.drives.ki * _between(self.aim, steps, samples, "line")
         return replace(self, drives=replace(self.drives, told=acting, lag=lag))
@@ -83,13 +84,27 @@ class Run:
         """Return the run with drives that filter the velocity with time constants (n,), s."""
         return replace(self, drives=replace(self.drives, smoothing=times))
 
-    def holding(self, which: NDArray[np.bool_], late: Array | float = 0.0) -> Run:
-        """Return the run with drives of which some, (n,), compute their torque once per sample and hold it.
+    def holding(self, often: Array, late: Array | float = 0.0) -> Run:
+        """Return the run with drives that compute their torque `often` times per sample and hold it.
 
-        They act later than logged by `late`, s.
+        Those of (n,) that are 0 act all the time. All act later than logged by `late`, s.
         """
-        held = which.astype(float)
-        return replace(self, drives=replace(self.drives, held=held)).delayed(np.zeros(len(held)) + late)
+        counts = [round(each) for each in np.unique(often).tolist() if each]
+        steps, every = len(self.drives.told) // (len(self.t) - 1), math.lcm(*counts)
+        again = self if self.drives.stepped else self._in_steps(every * math.ceil(steps / every))
+        held = np.asarray(often, dtype=float)
+        return replace(again, drives=replace(again.drives, held=held)).delayed(np.zeros(len(held)) + late)
+
+    def stepping(self, how: Stepped, step: float, late: Array | float = 0.0) -> Run:
+        """Return the run of a simulator that steps by `step`, s, a whole part of a sample, with drives `late` s."""
+        again = self._in_steps(max(round(self.dt / step), 1))
+        late = np.zeros(self.drives.kp.shape[-1]) + late
+        return replace(again, drives=replace(again.drives, stepped=how)).delayed(late)
+
+    def _in_steps(self, each: int) -> Run:
+        """Return the run in so many steps per sample, once it is `delayed`."""
+        told = np.zeros((each * (len(self.t) - 1), *self.drives.told.shape[1:]))
+        return replace(self, drives=replace(self.drives, told=told))
 
     def pushed(self, torque: Array) -> Run:
         """Return the run whose drives are told a further torque, N·m (N), (n,), once it is `delayed`."""
@@ -118,7 +133,7 @@ class Run:
         lags = [run.drives.lag for run in runs if run.drives.lag is not None]
         drives = Drives(
             told, kp, kd, first.limit, ki, np.stack(times) if times else None, np.stack(holds) if holds else None,
-            np.stack(lags) if lags else None,
+            np.stack(lags) if lags else None, first.stepped,
         )  # fmt: skip
         start = (np.stack([run.start[0] for run in runs]), np.stack([run.start[1] for run in runs]))
         near = np.stack([run.near for run in runs], axis=1)
@@ -248,19 +263,22 @@ def _way(commanded: bool, smooth: bool | None) -> Literal["held", "smooth", "lin
     return "smooth" if smooth else "held"
 
 
-def _between(told: Array, steps: int, late: Array, way: Literal["held", "smooth", "line"]) -> Array:
-    """Return what is told at every step, (K, n), of values at samples."""
+def _between(
+    told: Array, steps: int, late: Array, way: Literal["held", "smooth", "line"], at: Array | float = 0.5
+) -> Array:
+    """Return what is told at every step, (K, n), of values at samples; `at`: when in it, of values on a line."""
     count = (len(told) - 1) * steps
     place = np.arange(count) / steps
     found = np.empty((count, told.shape[1]))
     if way != "held":
         from scipy.interpolate import make_interp_spline
 
-        samples = np.arange(len(told), dtype=float)
+        samples, inside = np.arange(len(told), dtype=float), np.broadcast_to(at, told.shape[1])
         for k in range(told.shape[1]):
-            at = np.clip(place + 0.5 / steps - late[k], 0.0, len(told) - 1.0)
+            when = np.clip(place + inside[k] / steps - late[k], 0.0, len(told) - 1.0)
             smooth = way == "smooth" and len(told) > 3
-            found[:, k] = make_interp_spline(samples, told[:, k])(at) if smooth else np.interp(at, samples, told[:, k])
+            values = told[:, k]
+            found[:, k] = make_interp_spline(samples, values)(when) if smooth else np.interp(when, samples, values)
         return found
     # a command that changes within a step acts for its part of it
     samples = np.arange(len(told) + 1, dtype=float)

@@ -33,7 +33,6 @@ from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
-from elid_cli.estimation.trajectory.held_loops import looped
 from elid_cli.estimation.trajectory.identification import (
     commanded_runs,
     declared_along,
@@ -41,6 +40,7 @@ from elid_cli.estimation.trajectory.identification import (
     started_from,
 )
 from elid_cli.estimation.trajectory.late_joints import believed
+from elid_cli.estimation.trajectory.simulator_steps import runs_in_time
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
@@ -105,7 +105,7 @@ def diagnose_motion(
     signals, found = acting, found if acting is signals and robot is described else None
     effects, amplitudes = declared_along(robot, runs[0])
     runs = believed(robot, runs, started_from(robot, signals), (effects, amplitudes))
-    runs = looped(robot, signals, runs, started_from(robot, signals), (effects, amplitudes))
+    runs = runs_in_time(robot, signals, runs, started_from(robot, signals), (effects, amplitudes))
     higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
     if higher is not None:
         robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None

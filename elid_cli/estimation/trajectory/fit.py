@@ -79,6 +79,10 @@ class TrajectoryFit:
     """Time constants of filters of velocity with which the motion is nearer, s, (n,): the errors count them."""
     at_once: bool = False
     """Whether drives whose loops act all the time are clearly nearer than ones that hold their torque for a sample."""
+    either: bool = False
+    """Whether a simulator's steps with implicit damping of the drives explain the motion as well as explicit ones."""
+    ahead: float = 0.0
+    """By how much drives act before they are told without a simulator's steps that show, s: the errors count it."""
     held: TrajectoryFit | None = None
     """The fit with friction that holds a joint at rest, of one in which it was found to fade in at some joints."""
 

@@ -1,7 +1,8 @@
-"""Drives whose loops run at the log's rate, their torque held from sample to sample: what the motion says of that.
+"""Drives whose loops run at the log's rate, or some times as often, and hold their torque: what the motion says of it.
 
-To first order half a sample's delay of positions and velocities is viscous friction and inertia: kp dt/2 less of the
-one, kd dt/2 less of the other. What is left of it beyond that shows in fast motion where nothing else is missing.
+To first order half a period's delay of positions and velocities is viscous friction and inertia: kp times that less of
+the one, kd times that less of the other. What is left of it beyond that, of second order, shows in fast motion where
+nothing else is missing: the squared error is a parabola in the square of the period.
 """
 
 from __future__ import annotations
@@ -16,12 +17,10 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.trajectory.changes import CLEARLY, SURE, nearer_by
-from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.model.effects import effect_that, of_drives
-from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
@@ -34,8 +33,18 @@ missing."""
 AT_NOISE = 1.03
 """The same up to which nothing else is left."""
 WHOLE = 0.25
-"""Part of a sample by which a delay may be off a whole number of samples: a loop that runs at the log's instants is
+"""Part of a period by which a delay may be off a whole number of periods: a loop that runs at the log's instants is
 told its commands at these."""
+OFTEN = 2, 4, 5, 8, 10
+"""How often in a sample loops may run, beside once."""
+SHORTEST = 1.9e-3
+"""Shortest period of these, s: motion hardly shows shorter ones. Measured: simulated legs with encoders of 16 bit and
+loops of 1 ms less than two integrators do, of 2 ms twice as much as counts as clear, of 5 ms fifty times."""
+LITTLE = 0.01
+"""Sum over the joints of the logarithm of the error's size by which loops that hold must be nearer: two integrators of
+the same plant differ by up to a third of it."""
+FIRMLY = 5.0
+"""Times what counts as clear by which loops that act all the time must be nearer for the others to be ruled out."""
 SHOWN, SMALL = 3.0, 0.03
 """Standard errors, and part of a value, beyond which a change is worth asking for."""
 
@@ -55,64 +64,81 @@ def matters(fit: TrajectoryFit, recording: Recording) -> NDArray[np.bool_]:
     return found
 
 
-def with_held_loops(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
-    """Return the fit under drives that hold their torque for a sample where the motion is clearly nearer so.
+def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | None = None) -> TrajectoryFit:
+    """Return the fit under drives that hold their torque, for a sample or a part of it, where that is clearly nearer.
 
     A fit of loops that act all the time, which is clearly nearer and leaves the encoders' noise, says so
     (`TrajectoryFit.at_once`). One of a robot that declares its loops, and one that leaves more than noise, is returned.
+    `free` is the fit with a delay, as loops that hold have one, where the given one has none.
     """
+    free = free or fit
     recording = signals.recording
     above = fit.above_noise(signals)
     declared = declared_loops(fit.unknowns.robot).any() or any(item.run.drives.held is not None for item in fit.tracked)
     if recording is None or recording.smooth or declared or (above > NEAR).any() or not matters(fit, recording).any():
         return fit  # drives that are told more often than is logged act more often, too
-    away = np.abs(fit.delays / recording.dt - np.round(fit.delays / recording.dt))
-    again = None if (away > WHOLE).any() else _refitted(fit)
-    if again is None:
+    once = _of_loops(free, 1, recording.dt)
+    best = once
+    if (often := _foreseen(free, once, recording.dt)) > 1:
+        again = _of_loops(free, often, recording.dt)
+        best = again if best is None or (again is not None and nearer_by(again, best) > 0) else best
+    if best is None:
         return fit
-    by, least = nearer_by(again, fit), 0.5 * SURE**2 / sum(int(item.counts.sum()) for item in fit.tracked)
-    if by > (CLEARLY if has_memory(again.equations) else least):
-        return again
-    return replace(fit, at_once=bool(by < -least and (above <= AT_NOISE).all()))
+    if all(clearly_nearer(best, one) and nearer_by(best, one) > LITTLE for one in (fit, free)):
+        return best
+    by = -np.inf if once is None else nearer_by(once, free)
+    return replace(fit, at_once=bool(best is once and by < -FIRMLY * least_of(fit) and (above <= AT_NOISE).all()))
 
 
-def looped(
-    robot: Robot, signals: Signals, runs: Sequence[Run], start: Array,
-    declared: tuple[Sequence[Effect], Sequence[float]],
-) -> list[Run]:  # fmt: skip
-    """Return stretches under drives that hold their torque for a sample, where a fit is clearly nearer so.
+def _foreseen(fit: TrajectoryFit, once: TrajectoryFit | None, dt: float) -> int:
+    """Return how often in a sample loops run by the squared errors of ones that run always, twice, and once; 0: none.
 
-    Parameters
-    ----------
-    robot, signals, runs
-        The robot, the log, and its stretches that commands drive.
-    start, declared
-        Drive parameters to start from, (n, 4), and effects that the robot declares, with their amplitudes.
+    Of the allowed numbers it is the one nearest to the bottom of the parabola through the three.
     """
-    try:
-        fit = with_held_loops(fit_trajectory(robot, runs, start, *declared), signals)
-    except DataError:
-        return list(runs)
-    return [run if item.run.drives.held is None else run.holding(item.run.drives.held > 0)
-            for run, item in zip(runs, fit.tracked, strict=True)]  # fmt: skip
+    allowed = [often for often in OFTEN if dt / often >= SHORTEST]
+    twice = _of_loops(fit, 2, dt) if allowed else None
+    if twice is None or once is None:
+        return allowed[-1] if allowed and once is None else 0
+    start, middle, end = (float(np.sum((one.equations.size / fit.equations.size) ** 2)) for one in (fit, twice, once))
+    bend = (end - start) - 4.0 * (middle - start)  # 3/4 of the parabola's second coefficient
+    slope = 4.0 * (middle - start) - bend / 3.0
+    if slope >= 0 or bend <= 0:
+        return 0
+    bottom = -slope / (2.0 * bend * 4.0 / 3.0)
+    parts = {0: 0.0} | {often: 1.0 / often**2 for often in (1, *allowed)}
+    return min(parts, key=lambda often: abs(parts[often] - bottom))
 
 
-def _refitted(fit: TrajectoryFit) -> TrajectoryFit | None:
-    """Return the fit under drives that hold their torque for a sample; None where the simulated motion runs away."""
-    own = fit.unknowns
-    which: NDArray[np.bool_] = np.any([item.run.drives.kp > 0 for item in fit.tracked], axis=0)
-    tracked = [replace(Tracked.of(item.run.holding(which)), usual=item.usual) for item in fit.tracked]
+def least_of(fit: TrajectoryFit) -> float:
+    """Return by how much another fit without memory must be nearer to be clearly so, `nearer_by`."""
+    return 0.5 * SURE**2 / sum(int(item.counts.sum()) for item in fit.tracked)
+
+
+def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
+    """Return whether a fit is clearly nearer to the motion than another one of as many unknowns."""
+    return nearer_by(one, other) > (CLEARLY if has_memory(one.equations) else least_of(other))
+
+
+def _of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None:
+    """Return the fit under drives that compute their torque so many times per sample, and hold it.
+
+    None where their delay is no whole number of periods, or the simulated motion runs away.
+    """
+    periods = fit.delays * often / dt
+    if (np.abs(periods - np.round(periods)) > WHOLE).any():
+        return None
+    times = often * np.any([item.run.drives.kp > 0 for item in fit.tracked], axis=0).astype(float)
+    return refitted(fit, [item.run.holding(times) for item in fit.tracked], fit.z)
+
+
+def refitted(fit: TrajectoryFit, runs: Sequence[Run], z: Array) -> TrajectoryFit | None:
+    """Return the fit to stretches that are driven otherwise, from unknowns z; None where the motion runs away."""
+    tracked = [replace(Tracked.of(run), usual=item.usual) for run, item in zip(runs, fit.tracked, strict=True)]
     try:
-        found = fitted(own, tracked, fit.z, prompt=False)
+        found = fitted(fit.unknowns, tracked, z, prompt=False)
     except DataError:
         return None
     return replace(found, apart=fit.apart, doubted=fit.doubted)
-
-
-def as_held(robot: Robot, fit: TrajectoryFit, signals: Signals) -> Signals:
-    """Return the signals with torques of drives that a fit found to hold them; declared ones were before."""
-    held = fit.tracked[0].run.drives.held
-    return signals if held is None or declared_loops(robot).any() else of_drives.with_held_loops(signals, held > 0)
 
 
 def loops_of(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
@@ -121,6 +147,6 @@ def loops_of(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
     if not holds:
         return ()
     kind = effect_that(of_drive="hold")
-    which, dt = holds[0]
-    return tuple(Nuisance(kind.name, robot.joint_names[k], {kind.amplitudes[0].name: dt}, {})
-                 for k in np.flatnonzero(which).tolist())  # fmt: skip
+    often, dt = holds[0]
+    return tuple(Nuisance(kind.name, robot.joint_names[k], {kind.amplitudes[0].name: dt / float(often[k])}, {})
+                 for k in np.flatnonzero(often).tolist())  # fmt: skip

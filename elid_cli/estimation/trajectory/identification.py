@@ -29,12 +29,17 @@ from elid_cli.estimation.trajectory.found_effects import (
     robot_of,
     settled,
 )
-from elid_cli.estimation.trajectory.held_loops import as_held, loops_of, with_held_loops
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
 from elid_cli.estimation.trajectory.late_joints import declared_late, late_joints, of_every, with_doubts
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
+from elid_cli.estimation.trajectory.simulator_steps import (
+    ahead_by_steps,
+    as_timed,
+    faults_of_time,
+    with_drives_in_time,
+)
 from elid_cli.estimation.trajectory.softening import columns_of, is_unsure
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt
@@ -46,6 +51,7 @@ from elid_cli.estimation.trajectory.words import (
     late_words,
     loop_words,
     softness_words,
+    step_words,
 )
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
@@ -55,6 +61,7 @@ from elid_cli.model.effects.of_drives import (
     declared_filters,
     declared_gains,
     declared_integrals,
+    declared_steps,
     holding,
 )  # fmt: skip
 from elid_cli.model.effects.posed import posed
@@ -152,9 +159,9 @@ def fit_of(
             errors[list(apart.by.joints)] = apart.deviations
             fit, columns = apart.aware(), columns_of(apart.fit)
         fit = replace(with_doubts(fit, alone), apart=errors)
-        looped = with_held_loops(fit, signals)
-        columns = columns if looped is fit or looped.at_once else columns_of(looped)
-        fit = with_filters_in_doubt(looped, signals)
+        timed = with_drives_in_time(fit, signals)
+        columns = columns if timed.tracked is fit.tracked else columns_of(timed)
+        fit = with_filters_in_doubt(timed, signals)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
@@ -202,8 +209,10 @@ def commanded_runs(recording: Recording, robot: Robot) -> list[Run]:
         every = [run.integrating(rates) for run in every]
     if times.any():
         every = [run.filtered(times) for run in every]
-    if (which := holding(robot, recording.dt)).any():
-        every = [run.holding(which) for run in every]
+    if (steps := declared_steps(robot, recording.dt)) is not None:
+        every = [run.stepping(*steps) for run in every]
+    if (often := holding(robot, recording.dt)).any():
+        every = [run.holding(often) for run in every]
     if np.any(gains != 1.0):
         every = [run.delivering(gains) for run in every]
     # the first moments of a stretch do not count (`Tracked.counts`): as much again must be left
@@ -267,7 +276,7 @@ def identification_of(
     bodies
         What other bodies take off the squared error of joints' motion (`bodies.other_bodies`).
     """
-    robot, signals = found.robot, as_held(found.robot, fit, signals)
+    robot, signals = found.robot, as_timed(found.robot, fit, signals)
     base, names = found.base, list(found.base.parameters)
     places = np.array([[names.index(StandardParameter(kind, k)) for kind in PARAMETERS] for k in range(robot.n)])
     covariance = np.zeros((len(names), len(names)))
@@ -294,7 +303,8 @@ def identification_of(
         f"{late_words(robot, fit)}; bodies are held at the file's"
     )
     left_out = [robot_of(fit, z) for z in fit.left_out]
-    error = held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.joint_delays), found)
+    acting = fit.joint_delays - ahead_by_steps(fit)
+    error = held_out_errors(left_out, fit.spans, with_late_commands(signals, acting), found)
     # a torque whose drive the motion does not show is not predicted
     error = {name: error[name] for k, name in enumerate(robot.joint_names) if name in error and moves[k].any()}
     above = dict(zip(robot.joint_names, fit.above_noise(signals).tolist(), strict=True))
@@ -310,9 +320,10 @@ def identification_of(
         error=error,
         standard=standard,
         delays=np.zeros(robot.n),
-        nuisances=(*channel_faults(robot, fit, moves[:, 3]), *loops_of(robot, fit)),
+        nuisances=(*channel_faults(robot, fit, moves[:, 3]), *faults_of_time(robot, fit)),
         effects=fitted_effects(robot, fit),
-        notes=(note, *apart, *doubt_words(robot, fit), *loop_words(robot, fit, signals, moves)),
+        notes=(note, *apart, *doubt_words(robot, fit), *loop_words(robot, fit, signals, moves),
+               *step_words(robot, fit)),
         settings={**settings_of(found, fit, moves), **known},
         warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit)),
         model="sufficient" if explained else "insufficient" if slow else model,

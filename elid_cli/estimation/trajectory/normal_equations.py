@@ -114,8 +114,12 @@ def simulated(
 def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array) -> None:
     """Note what shorter steps change of a stretch's motion: steps of 1 ms act as a delay of some hundredths of one.
 
-    A delay is nearly viscous friction: twenty microseconds were up to a twentieth of it.
+    A delay is nearly viscous friction: twenty microseconds were up to a twentieth of it. The steps of a simulator that
+    made the log are its own.
     """
+    if item.run.drives.stepped is not None:
+        item.finer = 0.0
+        return
     moved = [
         _stepped(equations, replace(item), as_late(item, unknowns, z, finer), unknowns, z, parameters, ())[0]
         for finer in (1, FINER)
@@ -158,7 +162,9 @@ def _stepped(
         local = replace(local, slope=local.slope + np.diag(stiffness))
     drives = run.drives
     parts = (None if part is None else part[None] for part in (drives.ki, drives.smoothing, drives.held, drives.lag))
-    alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, *parts)
+    ki, smoothing, held, lag = parts
+    alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, ki, smoothing, held, lag,
+                   drives.stepped)  # fmt: skip
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
     x, v = x[:, :, 0], v[:, :, 0]
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
@@ -175,7 +181,7 @@ def _late_feedback(columns: Array, drives: Drives, unknowns: Unknowns) -> Array 
     if drives.held is None:
         return 0.0
     less = np.zeros((unknowns.robot.n, len(KINDS)))
-    less[:, 0], less[:, 2] = -drives.held * drives.kd, -drives.held * drives.kp
+    less[:, 0], less[:, 2] = (-np.where(drives.held > 0, gain, 0.0) for gain in (drives.kd, drives.kp))
     found: Array = columns[:, :, : unknowns.drives] @ less.ravel()
     return found
 

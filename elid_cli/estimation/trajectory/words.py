@@ -12,7 +12,9 @@ from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.held_loops import less_by_holding, matters
 from elid_cli.estimation.trajectory.settings import softness
-from elid_cli.model.effects.of_drives import declared_loops
+from elid_cli.estimation.trajectory.simulator_steps import step_of
+from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.of_drives import declared_loops, has_steps
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -21,11 +23,16 @@ SHOWN = 3.0
 SMALL = 0.03
 """Part of a value below which a change is not worth a word."""
 HOLDS = (
-    "the drives' loops are simulated at the log's rate, their torque held for a sample: the motion is nearer so than "
+    "the drives' loops are simulated {rate}, their torque held for {period}: the motion is nearer so than "
     "with loops that act all the time, with which viscous friction and motor inertia come out too small by kp and kd "
-    "times half a sample"
+    "times half {that}"
 )
 """Said of drives that were found to hold their torque."""
+STEPS = (
+    "the log is simulated as that of a simulator, in semi-implicit Euler steps of {step:.3g} ms (MuJoCo's Euler), "
+    "which the motion is clearly nearer to than to smooth motion; values are that simulator's own"
+)
+"""Said of a log that was found to be of a simulator."""
 AHEAD = 0.5
 """ms; lead of friction that is worth a word."""
 
@@ -96,8 +103,15 @@ def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArra
     """Return what is taken of the drives' loops, and what another would change, in a sentence where it is worth one."""
     recording = signals.recording
     assert recording is not None
-    if any(item.run.drives.held is not None for item in fit.tracked):
-        return () if declared_loops(robot).any() else (HOLDS,)
+    held = [(item.run.drives.held, item.run.dt) for item in fit.tracked if item.run.drives.held is not None]
+    if held:
+        often = round(float(held[0][0].max()))
+        period = f"{1e3 * held[0][1] / often:.3g} ms"
+        once = {"rate": "at the log's rate", "period": "a sample", "that": "a sample"}
+        several = {"rate": f"{often} times per sample", "period": period, "that": "that"}
+        return () if declared_loops(robot).any() else (HOLDS.format(**(once if often == 1 else several)),)
+    if fit.tracked[0].run.drives.stepped is not None:
+        return ()
     less, matter = less_by_holding(recording), matters(fit, recording) & moves[:, [0, 2]]
     if fit.at_once or not matter.any():
         return ()
@@ -112,6 +126,35 @@ def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArra
         "the drive's loop is taken to act all the time; where it is computed at the log's rate and its torque held for "
         f"a sample, {' and '.join(said)}, which this motion does not tell apart",
     )
+
+
+def step_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return what was found of a simulator's steps, and what of them the log leaves open, in sentences."""
+    run, joints = fit.tracked[0].run, robot.joints
+    kd = np.mean([item.run.drives.kd for item in fit.tracked], axis=0)
+    worst = int(np.argmax(kd))
+    unit, name = "kg·m²" if joints[worst].revolute else "kg", joints[worst].name
+    if fit.ahead:
+        size = f"{fit.ahead * kd[worst]:.2g} {unit} ({name})"
+        return (
+            f"the motion is {1e3 * fit.ahead:.2g} ms ahead of the commands, as in a simulator's steps of twice that, "
+            f"which the log is too coarse to show: motor inertia would be larger by up to {size} with them, and the "
+            "standard errors count it",
+        )
+    if run.drives.stepped is None or has_steps(robot):
+        return ()
+    step = step_of(run)
+    kind = effect_that(of_drive="step").name
+    damping = {"explicit": "", "implicit": "; the drives' damping is implicit in them"}[run.drives.stepped]
+    said = STEPS.format(step=1e3 * step) + damping
+    if not fit.either:
+        return (said,)
+    size = f"up to {step * kd[worst]:.2g} {unit} ({name})"
+    return (
+        said, f"the drives' damping is taken as explicit in these steps; where the simulator takes it as implicit "
+        f"(MuJoCo's implicitfast with position actuators), motor inertia is smaller by kd times a step, {size}, "
+        f"which this motion does not tell apart: declare {kind} with implicit: 1",
+    )  # fmt: skip
 
 
 def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:

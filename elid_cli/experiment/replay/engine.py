@@ -77,7 +77,10 @@ def _held(mujoco: Any, file: str) -> Any:
 
 def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, finer: int) -> Array:
     steps = len(run.drives.told) // (len(run.t) - 1)
+    finer = 1 if run.drives.stepped else finer  # a simulator's steps are its own
     model.opt.timestep = run.dt / (steps * finer)
+    if run.drives.stepped:
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     data = mujoco.MjData(model)
     links = [model.joint(name) for name in robot.joint_names]
     motors = [model.joint(name) for name, _ in _motors(robot, model)]
@@ -92,6 +95,10 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
     data.qpos[own], data.qvel[push] = turns * x[motor], turns * v[motor]
     data.qpos[at], data.qvel[dof] = x[:n], v[:n]
     drives = run.drives
+    kd = drives.kd
+    if drives.stepped == "implicit":  # as MuJoCo takes joints' own damping
+        model.dof_damping[push] += drives.kd / turns**2
+        kd = np.zeros(n)
     found, summed = np.empty((len(run.t), n)), np.zeros(n)
     smoothed = None if drives.smoothing is None else np.array(x[motor] * 0.0 + v[motor])
     weights = 0.0 if drives.smoothing is None else -np.expm1(-model.opt.timestep / np.maximum(drives.smoothing, 1e-9))
@@ -102,12 +109,13 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
             if smoothed is not None:
                 smoothed += weights * (turning - smoothed)
             damped = turning if smoothed is None else smoothed
-            torque = drives.told[k * steps + j // finer] - drives.kp * turned - drives.kd * damped
+            torque = drives.told[k * steps + j // finer] - drives.kp * turned - kd * damped
             if drives.ki is not None:
                 torque -= drives.ki * summed
                 summed += turned * model.opt.timestep
             if drives.held is not None:  # what was computed at the sample stays
-                sampled = torque if j == 0 else sampled
+                period = np.maximum(np.round(steps * finer / np.maximum(drives.held, 1.0)), 1)
+                sampled = np.where(j % period == 0, torque, sampled)
                 torque = np.where(drives.held > 0, sampled, torque)
             data.qfrc_applied[push] = (np.clip(torque, -drives.limit, drives.limit) - offsets) / turns
             mujoco.mj_step(model, data)

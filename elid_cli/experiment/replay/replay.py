@@ -23,7 +23,14 @@ from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.drives import Joints
 from elid_cli.model.effects.declared import resolve
-from elid_cli.model.effects.of_drives import LOOPS, declared_filters, declared_gains, declared_integrals, holding
+from elid_cli.model.effects.of_drives import (
+    LOOPS,
+    declared_filters,
+    declared_gains,
+    declared_integrals,
+    declared_steps,
+    holding,
+)
 from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.linearised import Linearised, Local
@@ -141,8 +148,9 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     if by_commands and rates.any():
         runs = [run.integrating(rates, delays) for run in runs]
     runs = [run.filtered(times) for run in runs] if by_commands and times.any() else runs
-    which = holding(robot, recording.dt)
-    runs = [run.holding(which, delays) for run in runs] if by_commands and which.any() else runs
+    often, steps = holding(robot, recording.dt), declared_steps(robot, recording.dt)
+    runs = [run.stepping(*steps, delays) for run in runs] if by_commands and steps is not None else runs
+    runs = [run.holding(often, delays) for run in runs] if by_commands and often.any() else runs
     runs = [run.delivering(gains) for run in runs] if np.any(gains != 1.0) else runs
     if not runs:
         raise LogError("the log has no stretch that is long enough to be replayed")
@@ -246,9 +254,11 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
 def _of_channels(robot: Robot, dt: float) -> tuple[Array, tuple[str, ...]]:
     """Return the torque offsets that the robot declares, N·m (N), (n,), and effects left out."""
     offsets, left, holds = np.zeros(robot.n), [], holding(robot, dt)
+    stepping = declared_steps(robot, dt) is not None
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
-        if kind.of_drive == "hold" and not holds[joint]:  # of another time than the log's samples
+        other = (kind.of_drive == "hold" and not holds[joint]) or (kind.of_drive == "step" and not stepping)
+        if other:  # of a time that is no part of the log's samples
             left.append(_named(spec))
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))

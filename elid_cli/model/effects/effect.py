@@ -153,9 +153,9 @@ class Effect(ABC):
     which holds a joint at rest; that of unlike sizes forwards and backwards, as a torque; empty: nothing."""
     softens: ClassVar[bool] = False
     """Whether its amplitude is the Coulomb friction that fades in (`elid_cli.model.drives.Fading`) by its shape."""
-    of_drive: ClassVar[Literal["", "limit", "gain", "integral", "filter", "hold"]] = ""
+    of_drive: ClassVar[Literal["", "limit", "gain", "integral", "filter", "hold", "step"]] = ""
     """What of a drive it is: largest torque (first shape), factor, integral gain over kp, filter of velocity, time that
-    its torque is held for."""
+    its torque is held for, step of the simulator that it acts in."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.model.drives import filter_weights
+from elid_cli.model.drives import Stepped, filter_weights
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.declared import resolve
 from elid_cli.robot.robot import Robot
@@ -19,8 +18,12 @@ from elid_cli.signals.signals import Signals
 
 SAME_TIME = 1.3
 """Times by which a drive's period may be off the sample time of a log that holds its torques."""
-LOOPS = ("integral", "filter", "hold")
-"""What of a drive is in its loop, and not in the torque that a log tells."""
+LOOPS = ("integral", "filter", "hold", "step")
+"""What of a drive is in its loop, or in the steps of a simulator, and not in the torque that a log tells."""
+OFTEN, STEPS = 20, 40
+"""Most times per sample that a drive computes its torque, and that a simulator steps, which are simulated."""
+WHOLE = 0.05
+"""Part by which a sample may be off a whole number of simulated steps, or of loops that are several in a sample."""
 
 
 def declared_gains(robot: Robot) -> Array:
@@ -55,38 +58,62 @@ def declared_loops(robot: Robot) -> Array:
     return np.maximum(_declared(robot, "hold"), 0.0)
 
 
-def holding(robot: Robot, dt: float) -> NDArray[np.bool_]:
-    """Return which drives hold their torque from sample to sample of a log, by its sample time, s, (n,)."""
-    periods = declared_loops(robot) / dt
-    found: NDArray[np.bool_] = (periods > 1.0 / SAME_TIME) & (periods < SAME_TIME)
+def holding(robot: Robot, dt: float) -> Array:
+    """Return how often in a sample of a log, s, drives compute the torque that they hold, (n,); 0: all the time.
+
+    0, too, for loops whose period is no whole part of the sample, or a very small one.
+    """
+    often = np.divide(dt, periods := declared_loops(robot), out=np.zeros(robot.n), where=periods > 0)
+    whole = np.round(often)
+    near = np.where(whole == 1, (often > 1.0 / SAME_TIME) & (often < SAME_TIME), np.abs(often - whole) < WHOLE * whole)
+    found: Array = np.where(near & (whole >= 1) & (whole <= OFTEN), whole, 0.0)
     return found
 
 
-def _declared(robot: Robot, which: Literal["gain", "integral", "filter", "hold"]) -> Array:
-    """Return the amplitudes of the declared effects of drives, (n,)."""
+def has_steps(robot: Robot) -> bool:
+    """Return whether a robot declares that its logs are of a simulator that steps."""
+    return any(resolve(robot, spec)[0].of_drive == "step" for spec in robot.effects)
+
+
+def declared_steps(robot: Robot, dt: float) -> tuple[Stepped, float] | None:
+    """Return how, and how long, s, the simulator steps that a robot declares its logs to be of.
+
+    None where it declares none, or where a sample of the log, s, is no whole number of such steps.
+    """
+    step = float(_declared(robot, "step").max(initial=0.0))
+    each = round(dt / step) if step > 0 else 0
+    if not 1 <= each <= STEPS or abs(dt / step - each) > WHOLE * each:
+        return None
+    return "implicit" if _declared(robot, "step", 1).max() > 0.5 else "explicit", dt / each
+
+
+def _declared(robot: Robot, which: Literal["gain", "integral", "filter", "hold", "step"], number: int = 0) -> Array:
+    """Return an amplitude of the declared effects of drives, the first one if no other is asked for, (n,)."""
     found = np.zeros(robot.n)
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
         if kind.of_drive == which:
-            found[joint] = float(spec.parameters.get(kind.amplitudes[0].name, 0.0))
+            found[joint] = float(spec.parameters.get(kind.amplitudes[number].name, 0.0))
     return found
 
 
 def with_loops(robot: Robot, signals: Signals) -> tuple[Robot, Signals]:
     """Return the robot without what it declares of its drives' loops, and the signals with the torques that hold it.
 
-    That are integral terms, filters of velocity, and loops that hold.
+    That are integral terms, filters of velocity, loops that hold, and a simulator's steps.
     """
     kept = tuple(spec for spec in robot.effects if resolve(robot, spec)[0].of_drive not in LOOPS)
     if signals.error_integrals is None or len(kept) == len(robot.effects):
         return robot, signals
-    told = with_held_loops(with_filters(signals, declared_filters(robot)), holding(robot, signals.dt))
+    told = with_filters(signals, declared_filters(robot))
+    told = with_steps(with_held_loops(told, holding(robot, signals.dt)), declared_steps(robot, signals.dt))
     return replace(robot, effects=kept), with_drives(told, declared_integrals(robot))
 
 
 def as_acting(robot: Robot, signals: Signals) -> Signals:
     """Return the signals with the torques that act as the robot declares its drives, in place of what the log tells."""
-    told = with_held_loops(with_filters(signals, declared_filters(robot)), holding(robot, signals.dt))
+    told = with_filters(signals, declared_filters(robot))
+    told = with_steps(with_held_loops(told, holding(robot, signals.dt)), declared_steps(robot, signals.dt))
     return with_drives(told, declared_integrals(robot), declared_gains(robot))
 
 
@@ -116,21 +143,40 @@ def with_filters(signals: Signals, times: Array) -> Signals:
     return replace(signals, tau=tau)
 
 
-def with_held_loops(signals: Signals, which: NDArray[np.bool_]) -> Signals:
-    """Return the signals with the torques of drives, (n,), that compute them at the samples and hold them.
+def with_held_loops(signals: Signals, often: Array) -> Signals:
+    """Return the signals with the torques of drives that compute them `often` times per sample, (n,), and hold them.
 
     About a sample's instant acts the mean of what was computed before it and at it. Of the commands that holds already.
     """
     recording = signals.recording
-    if recording is None or not {"kp", "kd"} <= recording.commands.keys() or not np.any(which):
+    if recording is None or not {"kp", "kd"} <= recording.commands.keys() or not np.any(often):
         return signals
     tau, (kp, kd) = signals.tau.copy(), (np.nan_to_num(recording.commands[name]) for name in ("kp", "kd"))
     motion = signals.motion
-    for joint in np.flatnonzero(which & recording.commanded).tolist():
+    for joint in np.flatnonzero((often > 0) & recording.commanded).tolist():
         back = kp[:, joint] * motion.theta[:, joint] + kd[:, joint] * motion.dtheta[:, joint]
         for segment in signals.segments:
             here = slice(segment.start + 1, segment.stop)
-            tau[here, joint] += 0.5 * np.diff(back[segment.start : segment.stop])
+            tau[here, joint] += 0.5 / often[joint] * np.diff(back[segment.start : segment.stop])
+    return replace(signals, tau=tau)
+
+
+def with_steps(signals: Signals, steps: tuple[Stepped, float] | None) -> Signals:
+    """Return the signals with the torques that act in a simulator's steps, of a kind and a length, s.
+
+    The velocity that the drives damp is half a step late; where their damping is implicit, half a step early. Positions
+    and commands act about a step's start: half a step before the time that a command is held for begins.
+    """
+    recording = signals.recording
+    if recording is None or "kd" not in recording.commands or steps is None:
+        return signals
+    how, step = steps
+    share = (0.5 if how == "explicit" else -0.5) * step / signals.dt
+    tau, kd = signals.tau.copy(), np.nan_to_num(recording.commands["kd"])
+    for joint in np.flatnonzero(recording.commanded).tolist():
+        for segment in signals.segments:
+            here = slice(segment.start, segment.stop)
+            tau[here, joint] += share * kd[here, joint] * np.gradient(signals.motion.dtheta[here, joint])
     return replace(signals, tau=tau)
 
 

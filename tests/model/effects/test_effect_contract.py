@@ -21,8 +21,9 @@ from tests.model.effects.effect_scenes import DT, instant, planar, scene_of, spa
 
 LIBRARY = effect_classes()
 BOTH = ("planar_scene", "spatial_scene")
-CASES = [(name, which) for name in LIBRARY for which in BOTH if LIBRARY[name].of_drive not in ("filter", "hold")]
-"""A filter of the drive acts in the simulated motion, not in the torque that is computed from the log."""
+IN_MOTION = "filter", "hold", "step"
+"""How a drive filters, and when it acts, is in the simulated motion: no column holds it."""
+CASES = [(name, which) for name in LIBRARY for which in BOTH if LIBRARY[name].of_drive not in IN_MOTION]
 AT_ONCE = [(name, which) for name, which in CASES if not LIBRARY[name].corrects and not LIBRARY[name].memory]
 """Without effects whose columns are derivatives over neighbouring samples; simulated in the log, not at an instant."""
 

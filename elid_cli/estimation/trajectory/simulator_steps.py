@@ -1,0 +1,206 @@
+"""Logs of simulators whose steps are long enough to matter: what the motion says of them.
+
+Semi-implicit Euler steps of length h move as smooth motion does whose drives act h/2 before they are told, and damp a
+velocity that is h/2 late: motor inertia comes out too small by h/2 times kd less the joint's viscous friction. The lead
+shows, as no robot acts before it is told; what is left beyond first order shows whether it is steps that make it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.errors import DataError
+from elid_cli.estimation.result import Nuisance
+from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.held_loops import AT_NOISE, clearly_nearer, loops_of, refitted, with_held_loops
+from elid_cli.estimation.trajectory.unknowns import KINDS
+from elid_cli.model.drives import Stepped
+from elid_cli.model.effects import effect_that, of_drives
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.of_drives import STEPS, declared_loops
+from elid_cli.model.runs import Run
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+FAR = 10.0
+"""Times the encoders' noise, at any joint, up to which steps are asked for."""
+FINEST = 2.4e-4
+"""Shortest step, s, that is simulated."""
+HALF = 0.1
+"""Part of a step by which a delay may be off a whole number of steps less a half."""
+USUAL = 1, 2, 4, 5, 10
+"""Steps per sample that are tried beside drives that act later than they are told, where more than noise is left."""
+SURE, LEAST = 3.0, 0.01
+"""Standard errors, and part of a sample, by which drives act before they are told for that to count."""
+
+
+def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
+    """Return the fit with loops that hold their torque, or a simulator's steps, where the motion is clearly nearer so.
+
+    Where drives act before they are told and neither explains it, standard errors count what steps would change.
+    """
+    free = fit if fit.delays.any() else refitted(fit, [item.run for item in fit.tracked], fit.z)
+    free = fit if free is None else free
+    stepped = with_steps(free, signals)
+    if stepped is not free and clearly_nearer(stepped, fit):
+        return stepped
+    looped = with_held_loops(fit, signals, free)
+    if looped.tracked is not fit.tracked:
+        stepped = with_steps(looped, signals)
+        return stepped if stepped is not looped else _in_doubt(looped, looped, signals)
+    return _in_doubt(looped, free, signals)
+
+
+def with_steps(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
+    """Return the fit to a simulator's steps where the motion is clearly nearer so, else the given one."""
+    recording = signals.recording
+    declared = of_drives.has_steps(fit.unknowns.robot)
+    if recording is None or recording.smooth or declared or (fit.above_noise(signals) > FAR).any():
+        return fit
+    every = [_of_steps(fit, "explicit", recording.dt / each) for each in _asked(fit, signals)]
+    found = [one for one in every if one is not None]
+    best = min(found, key=lambda one: float(np.log(one.equations.size).sum()), default=None)
+    return fit if best is None or not clearly_nearer(best, fit) else _damped(best)
+
+
+def _asked(fit: TrajectoryFit, signals: Signals) -> list[int]:
+    """Return how many steps a sample may have: those by which drives act at whole steps less a half."""
+    recording = signals.recording
+    assert recording is not None
+    dt, late = recording.dt, _late(fit)
+    few = [each for each in range(1, STEPS + 1) if dt / each >= FINEST]
+    places = {each: late * each / dt + 0.5 for each in few}
+    near = {each: np.abs(place - np.round(place)).max() for each, place in places.items()}
+    if _lead(fit, dt):
+        ahead = [each for each in few if near[each] < HALF and not np.round(places[each]).any()]
+        return sorted(ahead, key=lambda each: float(near[each]))[:1]
+    if not (fit.above_noise(signals) > AT_NOISE).any():
+        return []
+    return [each for each in USUAL if each in few and near[each] < HALF and np.round(places[each]).min() >= 0]
+
+
+def _late(fit: TrajectoryFit) -> Array:
+    """Return by how much drives act later than they are told, or than they compute what they hold, s, (R,)."""
+    often = max((float(item.run.drives.held.max()) for item in fit.tracked if item.run.drives.held is not None),
+                default=0.0)  # fmt: skip
+    period = fit.tracked[0].run.dt / often if often else np.inf
+    whole = np.round(fit.delays / period) * period if often else 0.0
+    found: Array = fit.delays - whole
+    return found
+
+
+def _lead(fit: TrajectoryFit, dt: float) -> float:
+    """Return by how much drives clearly act before they are told, s; 0 where they do not."""
+    late, error = _late(fit), fit.deviation[fit.unknowns.delays]
+    return float(-late.mean()) if np.all(late < -np.maximum(SURE * error, LEAST * dt)) else 0.0
+
+
+def _gains(fit: TrajectoryFit) -> Array:
+    """Return the mean damping gain of every drive, (n,)."""
+    found: Array = np.mean([item.run.drives.kd for item in fit.tracked], axis=0)
+    return found
+
+
+def _of_steps(fit: TrajectoryFit, how: Stepped, step: float) -> TrajectoryFit | None:
+    """Return the fit to a simulator's steps, from where a fit to smooth motion puts their unknowns."""
+    held = [item.run.drives.held for item in fit.tracked if item.run.drives.held is not None]
+    each = round(fit.tracked[0].run.dt / step)
+    if any(each % round(float(often.max())) for often in held):
+        return None
+    own, z = fit.unknowns, fit.z.copy()
+    z[own.delays] += 0.5 * step
+    inertia = slice(0, own.drives, len(KINDS))
+    z[inertia] += 0.5 * step * (_gains(fit) - own.joint_values(fit.z)[:, KINDS.index("viscous")])
+    return refitted(fit, [item.run.stepping(how, step) for item in fit.tracked], z)
+
+
+def _damped(fit: TrajectoryFit) -> TrajectoryFit:
+    """Return a fit to steps with explicit damping of drives, or the one with implicit damping if clearly nearer.
+
+    Without friction that fades in both are the same but for the inertia: `either`.
+    """
+    run, z = fit.tracked[0].run, fit.z.copy()
+    step = step_of(run)
+    z[0 : fit.unknowns.drives : len(KINDS)] -= step * _gains(fit)
+    if not np.all(fit.unknowns.joint_values(z)[:, 0] > 0):
+        return fit
+    other = refitted(fit, [item.run.stepping("implicit", step) for item in fit.tracked], z)
+    if other is None or clearly_nearer(fit, other):
+        return fit
+    return other if clearly_nearer(other, fit) else replace(fit, either=True)
+
+
+def step_of(run: Run) -> float:
+    """Return the length of the steps of a stretch, s."""
+    return run.dt / (len(run.drives.told) // (len(run.t) - 1))
+
+
+def _in_doubt(fit: TrajectoryFit, free: TrajectoryFit, signals: Signals) -> TrajectoryFit:
+    """Return a fit with errors that know of steps of a simulator which are too short to show.
+
+    `free` is the fit with a delay, where the given one has none: what that moves counts, too.
+    """
+    recording = signals.recording
+    lead = 0.0 if recording is None or recording.smooth else _lead(free, recording.dt)
+    if not lead or of_drives.has_steps(fit.unknowns.robot):
+        return fit
+    moved = free.z - fit.z
+    moved[fit.unknowns.delays] = 0.0
+    moved[0 : fit.unknowns.drives : len(KINDS)] += lead * _gains(fit)
+    return replace(fit, covariance=fit.covariance + np.outer(moved, moved), ahead=lead)
+
+
+def runs_in_time(
+    robot: Robot, signals: Signals, runs: Sequence[Run], start: Array,
+    declared: tuple[Sequence[Effect], Sequence[float]],
+) -> list[Run]:  # fmt: skip
+    """Return stretches with loops that hold their torque, or a simulator's steps, where a fit is clearly nearer so.
+
+    Parameters
+    ----------
+    robot, signals, runs
+        The robot, the log, and its stretches that commands drive.
+    start, declared
+        Drive parameters to start from, (n, 4), and effects that the robot declares, with their amplitudes.
+    """
+    try:
+        fit = with_drives_in_time(fit_trajectory(robot, runs, start, *declared), signals)
+    except DataError:
+        return list(runs)
+    return [_like(run, item.run) for run, item in zip(runs, fit.tracked, strict=True)]
+
+
+def _like(run: Run, other: Run) -> Run:
+    drives = other.drives
+    run = run if drives.stepped is None else run.stepping(drives.stepped, step_of(other))
+    return run if drives.held is None else run.holding(drives.held)
+
+
+def as_timed(robot: Robot, fit: TrajectoryFit, signals: Signals) -> Signals:
+    """Return the signals with torques of drives, or in steps, that a fit found; declared ones were before."""
+    run = fit.tracked[0].run
+    if run.drives.held is not None and not declared_loops(robot).any():
+        signals = of_drives.with_held_loops(signals, run.drives.held)
+    if run.drives.stepped is not None and not of_drives.has_steps(robot):
+        signals = of_drives.with_steps(signals, (run.drives.stepped, step_of(run)))
+    return signals
+
+
+def ahead_by_steps(fit: TrajectoryFit) -> float:
+    """Return by how much a simulator's steps make commands act before they are told, s."""
+    run = fit.tracked[0].run
+    return 0.0 if run.drives.stepped is None else 0.5 * step_of(run)
+
+
+def faults_of_time(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
+    """Return loops that hold their torque and a simulator's steps, as channels' faults are told."""
+    run, kind = fit.tracked[0].run, effect_that(of_drive="step")
+    step, implicit = (one.name for one in kind.amplitudes)
+    values = {step: step_of(run), implicit: float(run.drives.stepped == "implicit")}
+    steps = () if run.drives.stepped is None else robot.joint_names
+    return (*loops_of(robot, fit), *(Nuisance(kind.name, name, dict(values), {}) for name in steps))
