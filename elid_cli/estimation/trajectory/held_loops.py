@@ -41,8 +41,8 @@ SHORTEST = 1.9e-3
 """Shortest period of these, s: motion hardly shows shorter ones. Measured: simulated legs with encoders of 16 bit and
 loops of 1 ms less than two integrators do, of 2 ms twice as much as counts as clear, of 5 ms fifty times."""
 LITTLE = 0.01
-"""Sum over the joints of the logarithm of the error's size by which loops that hold must be nearer: two integrators of
-the same plant differ by up to a third of it."""
+"""Sum over the joints of the logarithm of the error's size by which loops that run several times per sample must be
+nearer: two integrators of the same plant differ by up to a third of it."""
 FIRMLY = 5.0
 """Times what counts as clear by which loops that act all the time must be nearer for the others to be ruled out."""
 SHOWN, SMALL = 3.0, 0.03
@@ -84,7 +84,8 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
         best = again if best is None or (again is not None and nearer_by(again, best) > 0) else best
     if best is None:
         return fit
-    if all(clearly_nearer(best, one) and nearer_by(best, one) > LITTLE for one in (fit, free)):
+    least = 0.0 if best is once else LITTLE
+    if all(clearly_nearer(best, one) and nearer_by(best, one) > least for one in (fit, free)):
         return best
     by = -np.inf if once is None else nearer_by(once, free)
     return replace(fit, at_once=bool(best is once and by < -FIRMLY * least_of(fit) and (above <= AT_NOISE).all()))
