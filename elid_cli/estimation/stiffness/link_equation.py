@@ -171,7 +171,8 @@ def with_link_stiffness(found: Identification, way: Callable[[int], LinkStiffnes
                 f"from the link's equation and the file's inertias, which explain {other.explained:.0%} of its torque: "
                 "the motor torque does not show it"
             )
-            items[k] = taken(item, other.value, other.deviation, reason, firm=other.explained > GOOD)
+            firm = other.explained > GOOD  # in the scale of inertias that no torque of this log has confirmed
+            items[k] = replace(taken(item, other.value, other.deviation, reason, firm=firm), bias_possible=firm)
             notes.append(f"{item.leader} of {found.robot.joint_names[joint]} is {reason}")
         elif abs(item.estimate - other.value) > APART * item.estimate and item.std_error > 0.05 * item.estimate:
             reason = (

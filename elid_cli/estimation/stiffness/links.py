@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.facts import deflection_noise
 from elid_cli.estimation.regression.covariance import in_unit_columns
-from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
+from elid_cli.estimation.regression.long_run import KernelSum, Persistence, beyond_normal, small_sample, uncertain
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import factor_of
 from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness
@@ -25,6 +25,8 @@ from elid_cli.signals.signals import Signals
 
 Loads = Mapping[int, Array]
 """By joint, what the columns (k,) of its sum row are multiplied by to give its bodies' torque."""
+DOUBT = 1e-3
+"""Probability with which logs that agree on a stiffness are said to disagree."""
 TOGETHER = 16_000
 """Instants that are taken at a time where blocks are passed over again."""
 
@@ -203,7 +205,24 @@ def merged_stiffness(systems: Sequence[LinkSystem], noise: float) -> LinkStiffne
     left = float(rest @ rest) / count - (float(rest @ ones) / count) ** 2
     pulled = pull(float(fitted[0]), noise, 1.0 / (float(inverse[0, 0]) * count) if inverse[0, 0] > 0 else 0.0)
     explained = 1.0 - left / variance if variance > 0 else 0.0
-    return LinkStiffness(float(fitted[0]), math.hypot(spread, pulled), explained)
+    return LinkStiffness(float(fitted[0]), math.hypot(max(spread, _between(systems)), pulled), explained)
+
+
+def _between(systems: Sequence[LinkSystem]) -> float:
+    """Return the standard error that the difference between logs alone gives a stiffness; 0 where they agree."""
+    if len(systems) < 2:
+        return 0.0
+    from scipy.special import chdtri
+
+    values, errors = np.empty((2, len(systems)))
+    for k, system in enumerate(systems):
+        fitted, inverse = _solved(system.factor)
+        values[k], errors[k] = fitted[0], max(float((inverse @ system.gram @ inverse)[0, 0]), 1e-300) ** 0.5
+    weights = 1.0 / errors**2
+    apart = (values - float(np.average(values, weights=weights))) / errors
+    if apart @ apart <= float(chdtri(len(systems) - 1, DOUBT)):
+        return 0.0
+    return beyond_normal(len(systems) - 1) * float(np.std(values, ddof=1)) / math.sqrt(len(systems))
 
 
 def _solved(factor: Array) -> tuple[Array, Array]:

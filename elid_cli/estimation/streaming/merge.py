@@ -27,7 +27,7 @@ from elid_cli.estimation.streaming.scores import lifted
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.estimation.validation.prediction import ByLog
-from elid_cli.estimation.validation.sufficiency import judged_model
+from elid_cli.estimation.validation.sufficiency import judged_model, with_differing_logs
 from elid_cli.logs.checks.required import refuse_mixed
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -71,7 +71,8 @@ def identify_reduced(
     if any("tau_link" in log.recording.sources and not log.facts.link_torque.all() for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))
     found = judged_model(found, *said)
-    found = replace(found, notes=(*found.notes, *_disagreement(data, logs, fit)))
+    if differ := _disagreement(data, logs, fit):
+        found = replace(with_differing_logs(found), notes=(*found.notes, *differ))
     if options.fit == "auto" and all(log.facts.computed.all() for log in logs):
         from elid_cli.estimation.trajectory.unasked import pointed_out
 

@@ -32,6 +32,8 @@ ALSO = 0.7
 """Part of the best group's prediction from which another group of curves is taken as possible, too."""
 PACE = "pace"
 """What a residual follows that is as slow as the torque and follows no group of curves."""
+LOGS = "logs"
+"""What a residual follows that differs between logs which were fitted together."""
 SLOW = 0.5
 """Part of the torque's memory from which a residual is too slow for noise."""
 RIDGE = 1e-4

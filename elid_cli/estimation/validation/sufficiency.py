@@ -25,7 +25,7 @@ from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
-from elid_cli.estimation.validation.following import PACE, followed, memory, motion_curves, slow_part
+from elid_cli.estimation.validation.following import LOGS, PACE, followed, memory, motion_curves, slow_part
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
 from elid_cli.estimation.validation.one_moment import moment_of
 from elid_cli.estimation.validation.prediction import Validation, validate
@@ -49,6 +49,8 @@ HIDDEN = 30.0
 """How many times larger than what is seen of it a missing torque may be: the rest hides in the parameters."""
 MOVED, WIDER = 2.0, 3.0
 """Shift in standard errors, or growth of these, with the missing curves as unknowns, from which a bias is possible."""
+FAR_APART = 2.0
+"""Error of logs together over the sensors' noise, and over what each log's own fit leaves, from which they differ."""
 _LEAST = 60
 """Instants that a row needs to be judged."""
 
@@ -66,12 +68,29 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
     return replace(
         found,
         error=error,
-        parameters=tuple(replace(item, bias_possible=marked) for item, marked in records),
+        parameters=tuple(replace(item, bias_possible=item.bias_possible or marked) for item, marked in records),
         noise=noise,
         insufficient=tuple(insufficient.values()),
         model="insufficient" if insufficient else "sufficient",
         warnings=(*found.warnings, *too_quiet(found, noise), *unpredicted(error)),
     )
+
+
+def with_differing_logs(found: Identification) -> Identification:
+    """Return an identification of logs that disagree, insufficient where one model leaves far more than each log's own.
+
+    Every log was judged by the residual of its own fit, which says nothing of what all have in common.
+    """
+    own = {item.joint: item.ratio for item in found.noise if item.rows in ("sum", "load")}
+    named = {item.joint for item in found.insufficient}
+    more = []
+    for name, error in found.error.items():
+        ratio = error.rms / error.floor if error.floor else 0.0
+        if name in own and name not in named and ratio > max(FAR_APART, FAR_APART * own[name]):
+            more.append(Insufficient(name, "sum", float(ratio), LOGS, 0.0))
+    if not more:
+        return found
+    return replace(found, insufficient=(*found.insufficient, *more), model="insufficient")
 
 
 def above_noise(error: Mapping[str, JointError], robot: Robot, noise: Sequence[RowNoise]) -> dict[str, JointError]:
@@ -269,12 +288,15 @@ def _of_lacking(fit: DefaultFit, missing: Sequence[_Missing]) -> NDArray[np.bool
 
     No curve over the motion is friction that grows with the load, or a spring that stiffens: what they take goes into
     the constants beside them first. What a motor lacks is in its sum and its motor row, a spring's in the motor row
-    alone; of a rigid joint one row holds all.
+    alone; of a rigid joint one row holds all. What follows the load or the deflection in the motor row may be the
+    spring's, whatever else lacks it.
     """
     rows: dict[int, set[Kind]] = {}
-    for row, _, _ in missing:
-        rows.setdefault(row.joint, set()).add(row.kind)
     own = set()
+    for row, groups, _ in missing:
+        rows.setdefault(row.joint, set()).add(row.kind)
+        if row.kind in ("motor", "spring") and not {"load", "deflection"}.isdisjoint(groups):
+            own.add(StandardParameter("K", row.joint))
     for joint, kinds in rows.items():
         rigid = not fit.model.robot.joints[joint].elastic
         if "drive" in kinds or {"sum", "motor"} <= kinds or rigid:
