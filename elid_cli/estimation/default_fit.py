@@ -15,7 +15,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, SampledData, Solved, sampled, sum_row
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.covariance import lasting_weights
-from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_effects, with_zeros
+from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_effects, with_found
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
@@ -112,7 +112,7 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     for _ in range(RESCENED if effects and options.hold else 0):  # columns from what the fit made of the parameters
         scene = scene_of(data.model, solved.signals, solved.standard)
         found = zip(effects.effects, solved.amplitudes(), strict=True) if effects else ()
-        scene = with_zeros(scene, [(item.effect, amplitude) for item, amplitude in found])
+        scene = with_found(scene, [(item.effect, amplitude) for item, amplitude in found])
         again = FittedEffects.of(effects.effects, scene, solved.signals) if effects else None
         solved = solve_with(base, data, solved.nuisances, again)
     covariance = covariance_with_dropped(solved, covariance_of(solved))

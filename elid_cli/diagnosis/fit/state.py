@@ -17,7 +17,7 @@ from elid_cli.diagnosis.fit.whitened import project
 from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import Solved, sum_row
 from elid_cli.estimation.default_fit import solve_with
-from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_zeros
+from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_found
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.standard_errors import covariance_with_shapes
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
@@ -283,7 +283,7 @@ def agreed(state: State) -> State:
     for _ in range(_AGREEING if model else 1):
         old = state
         scene = scene_of(state.log.model, state.log.signals, state.standard)
-        scene = with_zeros(scene, [(effect, state.coefficients(k)) for k, effect in enumerate(state.effects)])
+        scene = with_found(scene, [(effect, state.coefficients(k)) for k, effect in enumerate(state.effects)])
         state = fit(state.log, state.effects, scene, but=state.but)
         if all(_unchanged(old, state, k) for k in model):
             break

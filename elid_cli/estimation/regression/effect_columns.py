@@ -17,7 +17,7 @@ from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.scene import Scene, direction_widths
+from elid_cli.model.effects.scene import EquationRow, Scene, direction_widths
 from elid_cli.model.program import Program
 from elid_cli.model.regressor import EstimationRow, Regressor, inputs_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
@@ -31,6 +31,8 @@ AGREEING, AGREED = 12, 1e-5
 torque, below which they do: a round leaves as much of the error as friction follows the motor's torque."""
 SHARP, SHARPEST = 4.0, 1e-5
 """Part of the slowest speed at which an instant counts over which the sign of velocity is rounded, and least, rad/s."""
+PASSING = "spring", "encoder"
+"""Places of effects that act through the transmission."""
 _CHUNK = 8192
 """Samples whose full-rate regressor is held at a time."""
 _KEPT, _KEPT_SAMPLES = 32_000_000, 16384
@@ -128,10 +130,23 @@ def _rounding(robot: Robot, signals: Signals) -> Array:
     return found
 
 
-def with_zeros(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
-    """Return the scene that knows from which zeros effects with their amplitudes (d,) read joints' positions."""
+def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
+    """Return the scene that knows of effects with their amplitudes (d,) what the columns of others are made of.
+
+    That is from which zeros they read joints' positions, and the torque through the transmissions that they add to the
+    spring's, or take off it: of play, or of encoders that do not agree on zero.
+    """
     zeros = {effect.joint: float(linear[0]) for effect, linear in effects if effect.moves_zero}
-    return replace(scene, zeros=zeros, cache={}) if zeros else scene
+    scene = replace(scene, zeros=zeros, cache={}) if zeros else scene
+    load = scene.load
+    for effect, linear in effects:
+        if effect.place in PASSING and np.isfinite(scene.stiffness[effect.joint]):
+            columns = effect.columns(scene)
+            rows = [EquationRow(side, effect.joint) for side in ("link", "motor")]
+            if set(columns) == set(rows):  # what acts on both sides passes the transmission
+                load = load.copy() if load is scene.load else load
+                load[:, effect.joint] += linear @ columns[rows[1]]
+    return scene if load is scene.load else replace(scene, load=load, cache={})
 
 
 def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
@@ -139,7 +154,7 @@ def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene
 
     Friction that follows the motor's torque is part of that torque: a few rounds let both agree.
     """
-    scene = with_zeros(scene, effects)
+    scene = with_found(scene, effects)
     if not any(effect.from_torque for effect, _ in effects):
         return scene
     base = scene.predicted

@@ -111,6 +111,11 @@ class Stage:
         self._joint[:, 0] = (q, dq, self._rest, theta, dtheta, self._rest, tau, self._load, tau)
         return self.scene
 
+    def through(self, joint: int, torque: float) -> None:
+        """Add what an effect passes through a transmission beside the spring, N·m (N), to its load."""
+        self._load[joint] += torque
+        self._joint[7, 0, joint] = self._load[joint]
+
     def loaded(self, loads: list[float]) -> float:
         """Set the loads of rigid joints, and return by how much they changed, as a part of them."""
         before, self._load = self._load, list(loads)

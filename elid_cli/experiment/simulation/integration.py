@@ -45,6 +45,9 @@ class System:
         self._elastic = elastic
         self._effects = [active for active in effects if active.effect.simulated == "torque"]
         self._stage = Stage(dynamics, dt, duration)
+        spring = [a for a in self._effects if a.effect.place == "spring"]
+        self._passing = spring if any(a.effect.from_model for a in self._effects) else []
+        """Effects that add to the torque through a transmission, where friction follows that."""
         self._loaded = any(a.effect.from_model and a.effect.joint not in elastic for a in self._effects)
         self._places: list[tuple[int, int]] = []
         size = 2 * (n + self._m)
@@ -141,6 +144,10 @@ class System:
             ddq, ddtheta = self.dynamics.solve(q, dq, dtheta, deflection, [0.0] * self._n, tau)
             return ddq, ddtheta, []
         scene = self._stage.set(t, q, dq, theta, dtheta, tau)
+        for active in self._passing:
+            for side, joint, value in active.torques(scene, x):
+                if side == "motor":
+                    self._stage.through(joint, value)
         ddq, ddtheta = self._solved(x, (q, dq, dtheta), scene, deflection, tau)
         for _ in range(LOADED if self._loaded else 0):
             # the load of a rigid joint is known with its acceleration, which friction that grows with it changes
