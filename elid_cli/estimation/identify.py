@@ -18,6 +18,7 @@ from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_pull_of_noise, with_scatter, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
+from elid_cli.estimation.drive_law import law_warnings
 from elid_cli.estimation.identified import Identified
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.known_load import with_load
@@ -153,7 +154,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     doubtful, wrong = False, tuple[str, ...]()
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *rotor_warnings(found)))
-        wrong = physics_warnings(fit, found)
+        wrong = (*physics_warnings(fit, found), *law_warnings(logged, found))
         doubtful = bool(wrong) or beyond_range(fit.signals, fit.model.robot)
     found = judged_model(found, judgement)
     if doubtful:  # of channels that are of others, in other units or turned round no value is left as it was

@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import isfinite
 
 from elid_cli.errors import first_of, in_words
+from elid_cli.estimation.drive_law import LAWFUL
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.known_load import BESIDE_BODIES
 from elid_cli.estimation.result import BaseEstimate, Identification
@@ -55,8 +56,9 @@ SYMBOLS = {
 """Symbols of parameters in words; c and I have axes behind them, all of them the number of their joint."""
 DOUBTS = (
     WRONG, RUNS, AGAINST, BESIDE_BODIES, NOT_TORQUE, AS_IT_IS, "sign were wrong", "sign looks wrong", "look swapped",
+    LAWFUL,
 )  # fmt: skip
-"""What a warning says that doubts units, or signs."""
+"""What a warning says that doubts units, signs, or a torque."""
 NEEDS = {
     "K": "torque of {} that varies more: a heavier load, stronger accelerations",
     "Jm": "stronger accelerations of the motor of {}",
@@ -136,7 +138,8 @@ def doubted(words: str, warnings: Sequence[str]) -> str:
     ):
         return words
     _, comma, further = verdict.partition(",")
-    return f"Only if the log's units and signs are right, which a warning doubts{comma}{further}: {rest}"
+    what = "torque is what acts" if any(LAWFUL in line for line in warnings) else "units and signs are right"
+    return f"Only if the log's {what}, which a warning doubts{comma}{further}: {rest}"
 
 
 def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Collection[str]) -> str:
