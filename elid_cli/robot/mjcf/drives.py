@@ -9,6 +9,9 @@ from elid_cli.robot.mjcf.attributes import ACTUATORS, MAIN, Conventions
 from elid_cli.robot.mjcf.elements import first_number
 from elid_cli.robot.urdf.xml import Element
 
+LIMITED = {"forcerange": "forcelimited", "ctrlrange": "ctrllimited"}
+"""Range of an actuator -> what says whether it counts."""
+
 
 @dataclass(frozen=True)
 class Motor:
@@ -61,11 +64,21 @@ class Drives:
         return gains if set(gains["kp"]) == set(motors) else {}
 
 
+def without_limits_below(actuator: Element, limit: float) -> dict[str, str]:
+    """Return the attributes that lift the limits of an actuator that are below a torque at its joint, N·m (N)."""
+    return {LIMITED[key]: "false" for key, size in _torques(actuator).items() if size < limit}
+
+
 def _torque(actuator: Element) -> float:
     """Return the largest torque of an actuator at its joint, 0 where it has no limit."""
+    return min(_torques(actuator).values(), default=0.0)
+
+
+def _torques(actuator: Element) -> dict[str, float]:
+    """Return the torques at its joint that an actuator's ranges hold it to, N·m (N)."""
     gear = abs(first_number(actuator, "gear")) if "gear" in actuator.attributes else 1.0
-    sizes = []
+    sizes = {}
     for key in ("forcerange", *(("ctrlrange",) if actuator.tag == "motor" else ())):
-        if key in actuator.attributes:
-            sizes.append(gear * max(map(abs, actuator.numbers(key, (0.0, 0.0)))))
-    return min((size for size in sizes if size > 0), default=0.0)
+        if key in actuator.attributes and actuator.attributes.get(LIMITED[key]) != "false":
+            sizes[key] = gear * max(map(abs, actuator.numbers(key, (0.0, 0.0))))
+    return {key: size for key, size in sizes.items() if size > 0}

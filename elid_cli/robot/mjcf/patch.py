@@ -14,6 +14,7 @@ from elid_cli.robot.fixed_bodies import joined
 from elid_cli.robot.frames import translation
 from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.locking import motion
+from elid_cli.robot.mjcf.drives import without_limits_below
 from elid_cli.robot.mjcf.elements import axis_of, stiffness_and_rest
 from elid_cli.robot.mjcf.held import DAMPING, LINK_EFFECTS, SPRING, declared
 from elid_cli.robot.mjcf.moving import MovingJoint
@@ -76,6 +77,9 @@ class _Patch:
             change = changes[item.name]
             values = self._of_joint(item, change, tree.rotors.get(number)) | dict(further.get(item.name, {}))
             self._set(item.element, values)
+            own = tree.rotors.get(number)
+            driven, turns = (item, 1.0) if own is None else (tree.moving[own.number], abs(own.turns))
+            self._lift(driven.name, change.limit, turns)
             body = change.body
             if number in others and "m" in change.joint.parameters:
                 body = (0 if body is None else body) - others[number]
@@ -84,6 +88,13 @@ class _Patch:
             if item.owner is None or number in meshes:
                 raise self._no_inertial(item, meshes=number in meshes)
             _add_to_body(self.edit, self.places, item, item.owner, body)
+
+    def _lift(self, joint: str, limit: float | None, turns: float) -> None:
+        """Lift the limits of a joint's actuators that are below what its drive delivers, N·m (N) per joint turn."""
+        if limit is None:
+            return
+        for actuator in self.tree.drives.of(joint):
+            self._set(actuator, without_limits_below(actuator, limit / turns))
 
     def _set(self, element: Element, values: dict[str, str]) -> None:
         """Set attributes of an element, which has those of its class; equal numbers stay as they are written."""
