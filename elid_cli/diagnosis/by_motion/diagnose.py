@@ -112,16 +112,17 @@ def diagnose_motion(
     found = found or least_squares(robot, signals)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
-    of_limits = () if higher is None else higher.effects
     if higher is not None and higher.before is not None:
         whole = replace(whole, done=replace(whole.done, before=higher.before))
     done = whole.done
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
+    cut = {item.joint: item.limit for item in done.limits}
+    bounded = {robot.joint_names[joint] for joint in cut}
+    of_limits = () if higher is None else tuple(e for e in higher.effects if e.joint not in bounded)
     changes = differing(done.after)
     after = as_last(done.after, changes)
-    cut = {item.joint: item.limit for item in done.limits}
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
     told = with_drives(with_filters(signals, whole.filters), whole.rates, whole.acting)
     told = replace(told, tau=np.clip(told.tau, -bound, bound))
@@ -144,7 +145,7 @@ def diagnose_motion(
     return MotionDiagnosis(
         described, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        (*of_limits, *of_changes, *of_gains, *_effects(robot, after, done, len(effects))),
+        (*of_limits, *of_changes, *of_gains, *_effects(described, after, done, len(effects))),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals,
          *(r for r in whole.rivals if (r.effect, r.joint) not in {(e.effect, e.joint) for e in of_changes}),
          *_bodies_for(of_gains, done.before)),
@@ -202,13 +203,20 @@ def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int) ->
     (limit,) = limiting.shapes
     limits = (
         FoundEffect(limiting.name, robot.joint_names[item.joint], {limit.name: item.limit},
-                    {limit.name: item.deviation}, item.gain, limiting.summary)
+                    {limit.name: item.deviation}, item.gain, _of_limit(robot.torque_limits[item.joint], item.limit))
         for item in done.limits
     )  # fmt: skip
     return (*limits, *(
         FoundEffect(effect.name, own.joint, own.parameters, own.std_error, gain, effect.summary)
         for effect, own, gain in zip(effects, values, (*softer, *(item.gain for item in done.named)), strict=True)
     ))  # fmt: skip
+
+
+def _of_limit(described: float, found: float) -> str:
+    """Return what a limit of torque is beside that of the robot file, N·m (N)."""
+    if described < found:
+        return f"the drive delivers more than the {described:g} of the robot file, and no more than this"
+    return effect_that(of_drive="limit").summary
 
 
 def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, ...]:

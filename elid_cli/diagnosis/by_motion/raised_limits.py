@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elid_cli.diagnosis.by_motion.torque_limits import LEAST, with_limits
+from elid_cli.diagnosis.by_motion.torque_limits import LEAST, limited, with_limits
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
@@ -73,6 +73,11 @@ def raised_limits(
             return Raised(other, right, tuple(free), None, _effects(robot, peaks, dict.fromkeys(peaks, 1.0)))
         gains = _gains(before, fit, list(peaks))
         kept = {joint: peak for joint, peak in peaks.items() if gains[joint] >= LEAST}
+        if not kept:  # there may be limits all the same, higher ones
+            fit, limits = limited(fit, ())
+            over = {item.joint for item in limits if item.limit > robot.torque_limits[item.joint]}
+            gains = _gains(before, fit, list(peaks))
+            kept = {joint: peak for joint, peak in peaks.items() if joint in over and gains[joint] >= LEAST}
         if kept == peaks:
             if nearer_by(fit, before) <= CLEARLY:
                 return None

@@ -25,6 +25,7 @@ from elid_cli.diagnosis.by_motion.candidates import (
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
+from elid_cli.diagnosis.by_motion.peaks import of_peaks
 from elid_cli.diagnosis.by_motion.refits import again
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.errors import DataError
@@ -156,14 +157,18 @@ def _asked(
     (amplitude,) = kind.amplitudes
     near = fit.values.copy()
     for joint in range(fit.unknowns.robot.n):
-        if joint in known or not is_clean(views, measured, joint):
+        if joint in known:
             continue
-        own = own_unknowns(fit.unknowns, joint)
-        limit, share, part, change = _best(seen_by(measured, own, joint), joint)
+        own, clean = own_unknowns(fit.unknowns, joint), is_clean(views, measured, joint)
+        if clean:
+            limit, share, part, change = _best(seen_by(measured, own, joint), joint)
+        else:
+            limit, share, part, change = (*of_peaks(fit, views, joint), 1.0, np.zeros(len(KINDS)))
         if share < LEAST or not amplitude.low <= part <= amplitude.high:
             continue
         rivals: list[list[Candidate]] = [
-            screened(seen_by(of, own, joint), joint, kinds, fit.effects) for of in (views, measured)
+            screened(seen_by(of, own, joint), joint, kinds, fit.effects) if use else []
+            for of, use in ((views, True), (measured, clean))
         ]
         if all(rival.gain < share for rival in best_of(*rivals)):
             found[joint] = limit
