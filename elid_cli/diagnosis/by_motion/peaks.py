@@ -6,18 +6,18 @@ simulated motion they are the largest errors: it is simulated with limits within
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.candidates import View
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beside import moved_by_runs
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.model.runs import Run
 
-USUAL, HIGHER = 0.95, 1.5
+USUAL, HIGHER = 0.95, 1.15
 """Part of the log that a joint's usual torque is not exceeded in, and how many times as large its peaks must be."""
 RARE, MOST = 0.1, 0.6
 """Part of the samples, and of the squared error that must lie in the worst of these."""
@@ -25,12 +25,9 @@ FIRST, FINER, NARROWED = 8, 5, 3
 """Limits tried at first and about the best, and times that they are."""
 
 
-def of_peaks(fit: TrajectoryFit, views: Sequence[View], joint: int) -> tuple[float, float]:
-    """Return the limit of a joint's torque, N·m (N), that brings the motion nearest, and its gain; 0 of none.
-
-    `views` are those along the simulated motion.
-    """
-    torque = np.abs(np.concatenate([view.scene.tau[:, joint] for view in views]))
+def of_peaks(fit: TrajectoryFit, joint: int) -> tuple[float, float]:
+    """Return the limit of a joint's torque, N·m (N), that brings its motion nearest, and what it gains; 0: none."""
+    torque = np.abs(np.concatenate([_asked(item)[:, joint] for item in fit.tracked]))
     usual, most = float(np.quantile(torque, USUAL)), float(torque.max())
     before = _squares(fit, joint, None)
     worst = np.sort(before)[-max(int(RARE * len(before)), 1) :]
@@ -46,6 +43,14 @@ def of_peaks(fit: TrajectoryFit, views: Sequence[View], joint: int) -> tuple[flo
         best, left = float(tried[place]), float(sums[place])
         tried = np.linspace(tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)], FINER)
     return best, 1.0 - left / max(float(before.sum()), 1e-300)
+
+
+def _asked(item: Tracked) -> Array:
+    """Return the torque that commands ask for along a stretch's simulated motion, N·m (N), (N, n)."""
+    drives, n = item.run.drives, item.run.measured.shape[1]
+    told = np.zeros((len(item.x), n)) if item.run.told is None else item.run.told
+    found: Array = told - drives.kp * item.x[:, :n] - drives.kd * item.v[:, :n]
+    return found
 
 
 def _squares(fit: TrajectoryFit, joint: int, limits: Array | None) -> Array:

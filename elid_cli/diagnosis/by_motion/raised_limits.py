@@ -73,11 +73,10 @@ def raised_limits(
             return Raised(other, right, tuple(free), None, _effects(robot, peaks, dict.fromkeys(peaks, 1.0)))
         gains = _gains(before, fit, list(peaks))
         kept = {joint: peak for joint, peak in peaks.items() if gains[joint] >= LEAST}
-        if not kept:  # there may be limits all the same, higher ones
+        if not kept:  # there may be limits all the same, others than the file's, that are found without those
             fit, limits = limited(fit, ())
-            over = {item.joint for item in limits if item.limit > robot.torque_limits[item.joint]}
-            gains = _gains(before, fit, list(peaks))
-            kept = {joint: peak for joint, peak in peaks.items() if joint in over and gains[joint] >= LEAST}
+            gains, found = _gains(before, fit, list(peaks)), {item.joint for item in limits}
+            kept = {joint: peak for joint, peak in peaks.items() if joint in found and gains[joint] >= LEAST}
         if kept == peaks:
             if nearer_by(fit, before) <= CLEARLY:
                 return None

@@ -163,7 +163,7 @@ def _asked(
         if clean:
             limit, share, part, change = _best(seen_by(measured, own, joint), joint)
         else:
-            limit, share, part, change = (*of_peaks(fit, views, joint), 1.0, np.zeros(len(KINDS)))
+            limit, share, part, change = (*of_peaks(fit, joint), 1.0, np.zeros(len(KINDS)))
         if share < LEAST or not amplitude.low <= part <= amplitude.high:
             continue
         rivals: list[list[Candidate]] = [

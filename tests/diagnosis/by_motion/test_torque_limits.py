@@ -91,6 +91,20 @@ def test_a_limit_of_the_file_that_the_drive_does_not_have_is_told(
     assert json.loads(capsys.readouterr().out)["effects"] == []
 
 
+@pytest.mark.parametrize(("described", "most"), [(5.0, 7.5), (9.0, 7.5), (None, 9.5)], ids=["low", "high", "peaks"])
+def test_another_limit_than_the_files_is_found(tmp_path: Path, described: float | None, most: float) -> None:
+    arm = robot(tmp_path)
+    arm = arm if described is None else with_limits(arm, {1: described})
+    log = written(tmp_path, "cut.h5", moved(3, 16.0, noise=3e-5, limit=np.array([np.inf, most, np.inf])))
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm), None, ("saturation", "velocity_filter"))
+    assert [(e.effect, e.joint) for e in found.effects] == [("saturation", "two")]
+    (cut,) = found.effects
+    assert cut.parameters["limit"] == pytest.approx(most, rel=3e-3)
+    assert (described is not None and described < most) == ("of the robot file, and no more" in cut.summary)
+    truth = np.stack([ARMATURE, COULOMB, VISCOUS], axis=1)
+    assert found.fit_after.values[:, :3] == pytest.approx(truth, rel=0.03)
+
+
 def test_an_mjcf_that_lacks_the_delay_has_the_drives_of_a_fit_without_it_within_the_limit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
