@@ -26,6 +26,8 @@ LONGEST = 15.0
 SAMPLE, STEPS, PLAIN = 35e-6, 8e-4, 0.75
 """s; what the fit takes for a sample of a joint, and for a second of a chain of joints: compiled, by the cube of their
 number; without Numba, by their number."""
+CLEAR = 3.0
+"""Times the sensors' noise above which what is left is not noise alone, whether it follows the motion or not."""
 FARTHER = 4.0
 """Times that it may predict the torque worse than least squares do, which noise of positions makes fit it too well."""
 COMPUTED = "the torque is computed from commands, and noise of the positions in it may bias this fit"
@@ -59,11 +61,16 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
     except (DataError, LogError, RobotError) as error:
         return _told(found, f"{COMPUTED}; the motion could not be fitted: {error}")
     if bodies and _is_sufficient(found):
+        moved = in_words(list(bodies))
+        doubt = (
+            f"the motion of {moved} asks for other bodies than {found.robot.name} describes, or for drives that "
+            "deliver another torque than kp and kd say, with which every value here scales: elid diagnose looks for "
+            "the cause"
+        )
         return _told(
-            found, f"{COMPUTED}; but the motion of {in_words(list(bodies))} is simulated nearer to the measured one "
-            f"with other bodies than {found.robot.name} describes (masses may be wrong, or something is missing that "
-            "imitates them), and this fit, which has bodies of its own, leaves only noise (--fit trajectory takes "
-            "those of the file)",
+            replace(found, warnings=(*found.warnings, doubt)), f"{COMPUTED}; but the motion of {moved} is simulated "
+            f"nearer to the measured one with other bodies than {found.robot.name} describes, and this fit, which has "
+            "bodies of its own, leaves only noise (--fit trajectory takes those of the file)",
         )  # fmt: skip
     answer = identification_of(found, fit, signals, bodies)
     worse = _worse(found, answer)
@@ -81,7 +88,7 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
 
 
 def _is_sufficient(found: Identification) -> bool:
-    return found.model == "sufficient"
+    return found.model == "sufficient" and all(item.ratio <= CLEAR for item in found.noise)
 
 
 def _worse(found: Identification, answer: Identification) -> float:
