@@ -4,6 +4,7 @@ mujoco.set_mjcb_passive(Effects(model, "arm.actuators.json")), then mj_step as e
 """
 
 import json
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -53,10 +54,14 @@ class Effects:
         told = json.loads(Path(path).read_text("utf-8"))
         joints = {model.joint(k).name for k in range(model.njnt)}
         self.effects, self.frictionloss = [], model.dof_frictionloss.copy()
+        aside = [f"{j}: delay {late:g} s" for j, late in told["actuators"].get("delay", {}).items() if late]
         constant = {"effect": "", "parameters": {}, "as": "torque", "at": "motor", "in_mjcf": False}
         offsets = told["actuators"].get("offset", {}).items()
         for e in told["effects"] + [{**constant, "joint": j, "offset": o} for j, o in offsets if o]:
             if e["in_mjcf"] or e["joint"] not in joints:
+                continue
+            if e["at"] in ("torque", "encoder", "sensor"):
+                aside.append(f"{e['joint']}: {e['effect']} {e['parameters']}")
                 continue
             if e["effect"] and e["effect"] not in LAWS:
                 raise ValueError(f"{e['effect']} of {e['joint']} is no passive force")
@@ -67,6 +72,8 @@ class Effects:
             motor = rotor if rotor in joints else name
             ids = (model.joint(n).id for n in (name, motor))
             self.effects.append((e, *ids, turns, told["direction_width"][name]))
+        if aside:
+            warnings.warn(f"not applied, as it is the drive's or a sensor's: {'; '.join(aside)}", stacklevel=2)
 
     def __call__(self, model, data):
         """Add the torques to data.qfrc_passive, and set the frictionloss of the coming step."""

@@ -211,7 +211,7 @@ def _other_limits(robot: Robot, path: str) -> list[str]:
 
 def _softened(robot: Robot) -> list[str]:
     """Return the joints whose friction an MJCF softens."""
-    from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
+    from elid_cli.model.effects.declared import is_soft_in_mjcf
 
     return [spec.joint or robot.joint_names[0] for spec in robot.effects if is_soft_in_mjcf(robot, spec)]
 
@@ -273,7 +273,7 @@ def _lost(robot: Robot, path: str) -> list[EffectSpec]:
         return list(robot.effects)
     from dataclasses import replace
 
-    from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
+    from elid_cli.model.effects.declared import is_soft_in_mjcf
     from elid_cli.robot.mjcf.held import is_held
 
     file = robot if _patches(robot, path) else replace(robot, source="")

@@ -9,6 +9,7 @@ from typing import Any
 
 from elid_cli.estimation.actuators import UNITS, Actuators, Quantity, Value
 from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.declared import is_soft_in_mjcf
 from elid_cli.model.effects.scene import direction_widths
 from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import EffectSpec, Robot
@@ -78,6 +79,6 @@ def _effect(robot: Robot, spec: EffectSpec) -> dict[str, Any]:
         "parameters": {name: _finite(value) for name, value in spec.parameters.items()},
         "as": ("friction" if kind.acts_as == "friction" else "torque") if kind.acts_as else None,
         "at": kind.place,
-        "in_mjcf": is_held(robot, spec),
+        "in_mjcf": is_held(robot, spec) or is_soft_in_mjcf(robot, spec),
         "equation": kind.equation,
     }

@@ -23,10 +23,10 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf, soft_attributes
+from elid_cli.experiment.mjcf_friction import soft_attributes
 from elid_cli.experiment.real_bodies import apart, known_parameters, split_mass
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.effects.declared import resolve
+from elid_cli.model.effects.declared import is_soft_in_mjcf, resolve
 from elid_cli.robot.frames import z_to
 from elid_cli.robot.inertia import about_centre, inertial_parameters
 from elid_cli.robot.mjcf.elements import stiffness_and_rest

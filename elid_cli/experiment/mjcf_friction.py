@@ -11,20 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.effects.declared import resolve
-from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.model.effects.declared import is_soft_in_mjcf, resolve
+from elid_cli.robot.robot import Robot
 from elid_cli.robot.xml_text import xml_number
 
 SHORTEST = 1e-3
 """s; lead of friction that has none: MuJoCo's constraints always have one, of a step at least."""
 SOFTEST, STIFFEST = 1e-3, 0.9999
 """Impedances that MuJoCo takes."""
-
-
-def is_soft_in_mjcf(robot: Robot, spec: EffectSpec) -> bool:
-    """Whether an effect is friction that fades in, at a joint whose friction is the joint's own in an MJCF."""
-    kind, joint = resolve(robot, spec)
-    return kind.softens and not robot.joints[joint].elastic and robot.joints[joint].gear_ratio is None
 
 
 def soft_attributes(robot: Robot) -> dict[str, dict[str, str]]:

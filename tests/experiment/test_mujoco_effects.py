@@ -184,3 +184,24 @@ def test_an_effect_that_is_no_passive_force_is_refused(snippet: ModuleType, tmp_
     model = mujoco.MjModel.from_xml_string(mjcf_text(replace(robot, effects=())))
     with pytest.raises(ValueError, match="friction_drift of joint1 is no passive force"):
         snippet.Effects(model, filed(robot, tmp_path))
+
+
+def test_what_the_mjcf_holds_or_is_the_drives_does_not_stop_the_rest(snippet: ModuleType, tmp_path: Path) -> None:
+    soft = next(kind for kind in effect_classes().values() if kind.softens)
+    drives = [kind for kind in effect_classes().values() if kind.place == "torque" and not kind.nuisance]
+    assert {kind.of_drive for kind in drives} >= {"gain", "hold", "step"}
+    own = (EffectSpec(soft.name, "joint1", soft.example), of("torque_ripple"))
+    robot = arm(*own, *(EffectSpec(kind.name, "joint1", kind.example) for kind in drives), rigid=True)
+    path = filed(robot, tmp_path)
+    told = json.loads(path.read_text())
+    assert [e["in_mjcf"] for e in told["effects"][:2]] == [True, False]
+    told["actuators"]["delay"] = {"joint1": 0.003, "joint2": None}
+    path.write_text(json.dumps(told))
+    model = mujoco.MjModel.from_xml_string(mjcf_text(replace(robot, effects=own[:1])))
+    with pytest.warns(UserWarning, match="not applied, as it is the drive's") as heard:
+        applied = snippet.Effects(model, path)
+    assert [effect["effect"] for effect, *_ in applied.effects] == ["torque_ripple"]
+    (said,) = (str(item.message) for item in heard)
+    assert "joint1: delay 0.003 s" in said
+    assert all(f"joint1: {kind.name}" in said for kind in drives)
+    assert soft.name not in said

@@ -9,7 +9,7 @@ from typing import Any
 
 from elid_cli.errors import UsageError
 from elid_cli.files import read_text
-from elid_cli.model.effects import effect_that
+from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.declared import check_effects
 from elid_cli.robot.robot import EffectSpec, Robot
 
@@ -44,5 +44,5 @@ def _specs(told: Mapping[str, Any]) -> Iterator[EffectSpec]:
             if value:
                 yield EffectSpec(kind.name, joint, {kind.amplitudes[0].name: float(value)})
     for item in told["effects"]:
-        if not item["in_mjcf"]:
+        if not item["in_mjcf"] or effect_classes()[item["effect"]].softens:  # elid reads no softness in an MJCF
             yield EffectSpec(item["effect"], item["joint"], {k: float(v) for k, v in item["parameters"].items()})

@@ -12,8 +12,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.experiment.mjcf import mjcf_text
-from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.model.coordinates import coordinates_of
+from elid_cli.model.effects.declared import is_soft_in_mjcf
 from elid_cli.model.runs import Run
 from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import Robot

@@ -19,10 +19,9 @@ from elid_cli.estimation.trajectory.acting import (
     scene_along,
 )
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
-from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.drives import Joints
-from elid_cli.model.effects.declared import resolve
+from elid_cli.model.effects.declared import is_soft_in_mjcf, resolve
 from elid_cli.model.effects.of_drives import (
     LOOPS,
     declared_filters,

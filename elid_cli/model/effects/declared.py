@@ -42,6 +42,12 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
     return kind, joint
 
 
+def is_soft_in_mjcf(robot: Robot, spec: EffectSpec) -> bool:
+    """Whether an effect is friction that fades in, at a joint whose friction is the joint's own in an MJCF."""
+    kind, joint = resolve(robot, spec)
+    return kind.softens and not robot.joints[joint].elastic and robot.joints[joint].gear_ratio is None
+
+
 def check_effects(robot: Robot) -> Robot:
     """Return the robot, all of whose declared effects and their parameters have names that the library knows.
 

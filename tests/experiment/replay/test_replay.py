@@ -17,6 +17,7 @@ import elid_cli.model.rollout_steps as rollout_steps
 from elid_cli.cli import main
 from elid_cli.errors import LogError, RobotError, UsageError
 from elid_cli.experiment.replay import ReplayOptions, replay
+from elid_cli.experiment.replay.actuators import with_actuators
 from elid_cli.experiment.replay.errors import runaways
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
@@ -366,3 +367,11 @@ def test_a_declared_torque_gain_takes_part_and_one_that_leaves_no_torque_is_refu
     assert off(0.25) < 0.1 * replay(arm, wrong).mean_abs
     with pytest.raises(RobotError, match="no torque"):
         off(-1.0)
+
+
+def test_friction_that_fades_in_counts_from_the_file_beside_an_mjcf_that_holds_it(arm: Robot, tmp_path: Path) -> None:
+    soft = {"effect": "soft_friction", "joint": "joint1", "parameters": {"friction": 1.0, "velocity": 0.1}}
+    beside = tmp_path / "beside.json"
+    beside.write_text(json.dumps({"actuators": {}, "effects": [{**soft, "in_mjcf": True}]}))
+    found = with_actuators(arm, str(beside))  # elid takes friction of an MJCF to hold a joint at rest
+    assert [spec.effect for spec in found.effects[len(arm.effects) :]] == ["soft_friction"]
