@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import islice
+from numbers import Real
 from typing import ClassVar
 
 EXIT_DONE = 0
@@ -157,3 +158,32 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     if near is not None:
         return f"did you mean {near!r}?"
     return f"known: {first_of(valid, LISTED)}" if valid else ""
+
+
+def check_word(where: str, word: object, words: Sequence[str]) -> None:
+    """Refuse an argument that is none of the words that there are, None apart where it leaves the choice (UsageError).
+
+    Parameters
+    ----------
+    where
+        Whose argument it is, and its name.
+    word
+        What was given.
+    words
+        What may be given.
+    """
+    if word is not None and word not in words:
+        raise UsageError(f"{where} {word!r}: not one of {in_words(words)}", hint=did_you_mean(str(word), words))
+
+
+def check_number(where: str, value: object) -> None:
+    """Refuse an argument that is neither a real number nor None (UsageError)."""
+    if value is not None and not isinstance(value, Real):
+        raise UsageError(f"{where} {value!r}: not a number", hint="give a number, in SI units")
+
+
+def check_kind(where: str, value: object, kind: type, hint: str) -> None:
+    """Refuse an argument of another type than `kind`; `hint` says what makes one (UsageError)."""
+    if not isinstance(value, kind):
+        of = f"the text {value!r}" if isinstance(value, str) else f"a value of type {type(value).__name__}"
+        raise UsageError(f"{where}: {of} in place of a {kind.__name__}", hint=hint)

@@ -39,8 +39,7 @@ from elid_cli.model.effects.shifts import free_of_delays
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.fitting_robot import check_joints
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.signals import Signals, check_signals
 
 __all__ = [
     "DefaultFit",
@@ -110,12 +109,12 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     DataError
         If the log excites no parameter at all.
     """
+    check_signals(signals, robot)
     options = options or EstimateOptions()
     if options.estimator == "paper":
         from elid_cli.estimation.classical import identify_paper
 
         return identify_paper(robot, signals, options)
-    check_joints(signals.joints, robot)
     signals = as_told(robot, signals)
     return noted(_identify(robot, signals, options), signals.recording)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, check_word
 from elid_cli.estimation.judgement import Insufficient, JointError, ModelWord, RowNoise
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
@@ -59,6 +59,8 @@ class EstimateOptions:
         return self.fit == "auto" and self.offsets and not self.hold
 
     def __post_init__(self) -> None:
+        check_word("EstimateOptions: estimator", self.estimator, ("default", "paper"))
+        check_word("EstimateOptions: fit", self.fit, ("auto", "torque", "trajectory"))
         other = "--accurate" if self.accurate else "--estimator paper" if self.estimator == "paper" else ""
         if self.fit == "trajectory" and other:
             raise UsageError(f"--fit trajectory and {other} exclude each other", hint="leave one of them out")

@@ -20,7 +20,7 @@ from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque
 from elid_cli.signals.recording import Recording
-from elid_cli.signals.signals import Signals, prepare
+from elid_cli.signals.signals import Signals, check_signals, prepare
 
 STAIRS = 0.4
 """Part of the torques' error that the stairs of held commands are beyond a delay, from which the motion is asked."""
@@ -54,6 +54,7 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
     simulated, commands are smooth if drives would be ahead of held ones and are not of smooth ones. Other logs are
     returned as they are.
     """
+    check_signals(signals, robot)
     signals = with_rates(robot, signals)
     recording = signals.recording
     if recording is None or recording.smooth is not None or not recording.commanded.all():

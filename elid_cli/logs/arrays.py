@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from elid_cli.errors import LogError, did_you_mean
+from elid_cli.errors import LogError, did_you_mean, in_words, nearest
 from elid_cli.logs.mapping.language import GAINS, SIGNALS
 from elid_cli.logs.mapping.left_out import left_out_of
 from elid_cli.logs.reading import Options, read_sources
 from elid_cli.logs.source import Source
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.signals.recording import Recording
 
 NAME = "arrays"
@@ -50,11 +51,14 @@ def recording_of(
     Raises
     ------
     LogError
-        A name that is no signal, shapes that do not fit together, or a log that cannot be used.
+        A name that is no signal or no joint, shapes that do not fit together, or a log that cannot be used.
     UsageError
-        The mapping is wrong.
+        The mapping is wrong, or `robot` is no robot.
     """
+    check_robot(robot)
     names = tuple(robot.joint_names if joints is None else joints)
+    if mapping is None and not robot.log:  # these may call the robot's joints otherwise
+        _check_names(robot, names)
     arrays = {name: _values(name, values, names) for name, values in signals.items()}
     lengths = {name: len(values) for name, values in arrays.items() if name not in GAINS or values.ndim == 2}
     if len(set(lengths.values())) > 1:
@@ -69,6 +73,23 @@ def recording_of(
         if "--map" in error.hint:
             error.hint = f"give it among the signals; these are {', '.join(arrays) or 'none'}"
         raise
+
+
+def _check_names(robot: Robot, names: Sequence[str]) -> None:
+    """Refuse names of columns that are meant for joints of the robot and misspelt (LogError).
+
+    Those are names near to that of a joint without a column, and all where no joint has one.
+    """
+    lacking = [name for name in robot.joint_names if name not in names]
+    others = [name for name in names if name not in (*robot.joint_names, *robot.order)]
+    near = [name for name in others if nearest(name, lacking)]
+    wrong = (near or others[:1]) if len(lacking) == robot.n else near
+    if lacking and wrong:
+        raise LogError(
+            f"{NAME}: joints: {robot.name!r} has no joint {wrong[0]!r}",
+            detail=f"no column is named for {in_words(lacking, 4)}",
+            hint=did_you_mean(wrong[0], lacking),
+        )
 
 
 def _values(name: str, values: ArrayLike, joints: Sequence[str]) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, check_word
 from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, told_torques, written_units
 from elid_cli.logs.contract import RawLog, Stream
@@ -30,6 +30,7 @@ from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.memory import Recent, let_go, side_by_side
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.signals.recording import ACCEL, GYRO, INERTIAL, MEASURED, Recording, Segment, repeated, unique_notices
 
 SAME_RATE = 1e-6
@@ -100,8 +101,10 @@ def read_recording(
     LogError
         If a log cannot be used.
     UsageError
-        If the mapping is wrong.
+        If the mapping is wrong, or an argument is of another kind.
     """
+    check_robot(robot)
+    check_word("read_recording: time_source", time_source, ("auto", "header", "log"))
     if isinstance(paths, str | Path):
         paths = [paths]
     sources = (

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, check_kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import MEASURED, Recording
 
@@ -15,8 +16,15 @@ UNEVEN = 0.01
 HINT = "recording_of makes a recording from arrays: in the robot's order, aligned and checked"
 
 
+def check_robot(robot: object) -> None:
+    """Refuse a file's name or anything else in place of a robot (UsageError)."""
+    made = f"read_robot({str(robot)!r})" if isinstance(robot, str | Path) else "read_robot(file)"
+    check_kind("robot", robot, Robot, f"{made} reads one")
+
+
 def check_joints(joints: Sequence[str], robot: Robot, name: str = "signals") -> None:
     """Refuse what has the columns of other joints than the robot's, or in another order (LogError)."""
+    check_robot(robot)
     if tuple(joints) != robot.joint_names:
         raise LogError(
             f"{name}: the joints are {', '.join(joints)}",
@@ -27,6 +35,8 @@ def check_joints(joints: Sequence[str], robot: Robot, name: str = "signals") -> 
 
 def check_fits(recording: Recording, robot: Robot) -> None:
     """Refuse a recording of other joints, with arrays of other shapes or with times of another rate (LogError)."""
+    check_robot(robot)
+    check_kind("recording", recording, Recording, "read_recording reads one, recording_of makes one of arrays")
     name = ", ".join(recording.files) or "recording"
     check_joints(recording.joints, robot, name)
     wanted = (recording.samples, robot.n)

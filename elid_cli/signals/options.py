@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, check_number, check_word
 
 RATE_PER_CUTOFF = 5.0
 """Samples kept per second for every Hz of cut-off."""
@@ -40,7 +40,11 @@ class SignalOptions:
     there, and `identify` and `diagnose` decide by the motion."""
 
     def __post_init__(self) -> None:
-        """Refuse values that no filter can have (UsageError)."""
+        """Refuse words that say nothing, and values that no filter can have (UsageError)."""
+        check_word("SignalOptions: smoothing", self.smoothing, ("spline", "butterworth"))
+        check_word("SignalOptions: commands", self.commands, ("held", "smooth"))
+        for name in ("cutoff", "rate", "min_velocity", "knots", "butterworth", "order"):
+            check_number(f"SignalOptions: {name}", getattr(self, name))
         for name in ("cutoff", "rate", "knots", "butterworth", "order"):
             value = getattr(self, name)
             if value is not None and not value > 0:

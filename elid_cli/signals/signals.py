@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError, LogError, UsageError
+from elid_cli.errors import DataError, LogError, UsageError, check_kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque, error_integrals
 from elid_cli.signals.excerpts import excerpts
-from elid_cli.signals.fitting_robot import check_fits
+from elid_cli.signals.fitting_robot import check_fits, check_joints, check_robot
 from elid_cli.signals.knots import channels_of, filtered, splined
 from elid_cli.signals.lowpass import LowPass, low_pass
 from elid_cli.signals.motion import Motion, joined_motion
@@ -175,6 +175,14 @@ def _plan(cutoff: float, rate: float | None, dt: float) -> LowPass:
     wanted = RATE_PER_CUTOFF * cutoff if rate is None else rate
     step = max(1, int(1.0 / (dt * wanted)))
     return low_pass(cutoff, dt, step)
+
+
+def check_signals(signals: object, robot: Robot) -> None:
+    """Refuse what are no signals (UsageError), or those of other joints than the robot's (LogError)."""
+    check_robot(robot)
+    check_kind("signals", signals, Signals, "prepare(recording, robot) makes signals of a recording")
+    assert isinstance(signals, Signals)
+    check_joints(signals.joints, robot)
 
 
 def prepare(

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from elid_cli import (
     ElidError,
+    EstimateOptions,
     ExciteOptions,
     LogError,
     Recording,
+    ReplayOptions,
     Robot,
     SignalOptions,
     UsageError,
     compare,
+    diagnose,
     identify,
     identify_logs,
     prepare,
     read_recording,
     read_robot,
     recording_of,
+    replay,
     sample,
+    validate,
 )
 from elid_cli.estimation.request import LogRequest
 
@@ -103,6 +108,62 @@ def test_signals_of_another_robot_are_refused(robot: Robot, log: Recording) -> N
     signals = prepare(log, robot)
     with pytest.raises(LogError, match="joint1, joint2"):
         identify(read_robot("puma560"), signals)
+
+
+def test_misspelt_joints_of_arrays_are_named_with_the_nearest(robot: Robot, log: Recording) -> None:
+    for joints in (["joint1", "jiont2"], ["jiont2", "jiont1"]):
+        with pytest.raises(LogError, match="no joint 'jiont2'") as told:
+            recording_of(robot, arrays(log), joints=joints)
+        assert told.value.hint == "did you mean 'joint2'?"
+    single = Robot("one", robot.joints[:1])  # its only column would be taken by place
+    one = {name: values[:, :1] for name, values in arrays(log).items() if name != "t"}
+    with pytest.raises(LogError, match="no joint 'pp'"):
+        recording_of(single, one, joints=["pp"], rate=log.rate)
+
+
+def test_arguments_of_another_kind_are_refused_with_what_makes_them(robot: Robot, log: Recording) -> None:
+    anything: Any = "pend.xml"
+    calls: dict[str, Any] = {
+        r"robot: the text 'pend.xml' in place of a Robot\n.*read_robot\('pend.xml'\)": (
+            lambda: read_recording([LOG], anything),
+            lambda: recording_of(anything, {}),
+            lambda: prepare(log, anything),
+            lambda: identify(anything, prepare(log, robot)),
+            lambda: replay(anything, log),
+            lambda: diagnose(anything, prepare(log, robot)),
+        ),
+        r"signals: a value of type Recording in place of a Signals\n.*prepare\(recording": (
+            lambda: identify(robot, cast(Any, log)),
+            lambda: validate(robot, cast(Any, log)),
+            lambda: diagnose(robot, cast(Any, log)),
+        ),
+        "recording: the text 'pend.xml' in place of a Recording": (
+            lambda: prepare(anything, robot),
+            lambda: replay(robot, anything),
+        ),
+    }
+    for said, wrong in calls.items():
+        for call in wrong:
+            with pytest.raises(UsageError, match=said):
+                call()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: ReplayOptions(engine=cast(Any, "foo")), "engine 'foo': not one of elid and mujoco"),
+        (lambda: ReplayOptions(commands=cast(Any, "hold")), "did you mean 'held'"),
+        (lambda: SignalOptions(commands=cast(Any, "hold")), "did you mean 'held'"),
+        (lambda: SignalOptions(smoothing=cast(Any, "splines")), "did you mean 'spline'"),
+        (lambda: SignalOptions(cutoff=cast(Any, "abc")), "cutoff 'abc': not a number"),
+        (lambda: EstimateOptions(fit=cast(Any, "trajectories")), "did you mean 'trajectory'"),
+        (lambda: EstimateOptions(estimator=cast(Any, "papre")), "did you mean 'paper'"),
+        (lambda: read_recording([LOG], read_robot("planar2"), time_source="heder"), "did you mean 'header'"),
+    ],
+)
+def test_words_that_say_nothing_are_refused_with_the_nearest(make: Any, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        make()
 
 
 def test_what_several_results_say_prints_as_their_command(robot: Robot, log: Recording) -> None:

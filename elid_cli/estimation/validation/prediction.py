@@ -24,7 +24,7 @@ from elid_cli.model.effects.shifts import corrected, declared_shifts, delivered,
 from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.signals import Signals, check_signals
 from elid_cli.tables import Shown
 
 
@@ -72,7 +72,10 @@ def validate(
     ------
     RobotError
         If the description holds no parameter values, or an effect lacks some.
+    UsageError, LogError
+        These are no signals, or those of other joints.
     """
+    check_signals(signals, robot)
     turned = bool(np.any(declared_tilt(robot)))
     asked, described, logged = signals, robot, signals
     robot, signals = with_loops(levelled(as_observed(robot, signals)), signals)

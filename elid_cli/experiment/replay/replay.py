@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, RobotError, UsageError
+from elid_cli.errors import LogError, RobotError, UsageError, check_kind, check_number, check_word
 from elid_cli.estimation.trajectory.acting import (
     acting,
     can_act,
@@ -37,6 +37,7 @@ from elid_cli.model.rollout import Added, Along, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.signals.recording import Recording, with_commands
 from elid_cli.tables import Shown
 
@@ -57,6 +58,12 @@ class ReplayOptions:
     commands: Literal["held", "smooth"] | None = None
     """Whether commands are held for their sample, or change smoothly from one to the next; None: as the recording says,
     else held."""
+
+    def __post_init__(self) -> None:
+        """Refuse words that say nothing (UsageError)."""
+        check_word("ReplayOptions: engine", self.engine, ("elid", "mujoco"))
+        check_word("ReplayOptions: commands", self.commands, ("held", "smooth"))
+        check_number("ReplayOptions: horizon", self.horizon)
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,6 +140,8 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     UsageError
         A horizon shorter than a few samples, or MuJoCo is not installed.
     """
+    check_robot(robot)
+    check_kind("recording", recording, Recording, "read_recording reads one, recording_of makes one of arrays")
     options, robot = options or ReplayOptions(), posed(robot)
     by_commands = not np.isnan(recording.commands.get("q_des", np.full((1, robot.n), np.nan))).all(axis=0).any()
     horizon = options.horizon or (None if by_commands else TORQUE_HORIZON)

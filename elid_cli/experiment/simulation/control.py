@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import RobotError, UsageError
+from elid_cli.errors import RobotError, UsageError, check_word
 from elid_cli.model.dynamics import Dynamics
 
 BANDWIDTH = 25.0
@@ -35,6 +35,10 @@ class ControlOptions:
     kd: tuple[float, ...] | None = None
     feedforward: Literal["model", "gravity", "none"] = "model"
     continuous: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse words that say nothing (UsageError)."""
+        check_word("ControlOptions: feedforward", self.feedforward, ("model", "gravity", "none"))
 
 
 @dataclass(frozen=True)
