@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from elid_cli.experiment.replay.replay import Replay, ReplayOptions, replay
     from elid_cli.experiment.resolve.plan import Resolution, ResolveOptions, resolve
     from elid_cli.experiment.resolve.question import Question, question_of, read_question
+    from elid_cli.experiment.robot_file import write_robot
     from elid_cli.experiment.simulation.run import SimulationOptions, simulate
     from elid_cli.experiment.simulation.sensors import SensorOptions
     from elid_cli.logs.arrays import recording_of
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from elid_cli.model.base_parameters import BaseParameters, find_base
     from elid_cli.model.effects import effect_classes
     from elid_cli.model.regressor import Regressor
-    from elid_cli.robot.files import read_robot, shipped_robots, write_robot
+    from elid_cli.robot.files import read_robot, shipped_robots
     from elid_cli.robot.robot import EffectSpec, Joint, Limits, Robot
     from elid_cli.signals.options import SignalOptions
     from elid_cli.signals.recording import Recording
@@ -74,6 +75,7 @@ _PLACES = {
     "experiment.replay.replay": "Replay ReplayOptions replay",
     "experiment.resolve.plan": "Resolution ResolveOptions resolve",
     "experiment.resolve.question": "Question question_of read_question",
+    "experiment.robot_file": "write_robot",
     "experiment.simulation.run": "SimulationOptions simulate",
     "experiment.simulation.sensors": "SensorOptions",
     "logs.arrays": "recording_of",
@@ -84,7 +86,7 @@ _PLACES = {
     "model.base_parameters": "BaseParameters find_base",
     "model.effects": "effect_classes",
     "model.regressor": "Regressor",
-    "robot.files": "read_robot shipped_robots write_robot",
+    "robot.files": "read_robot shipped_robots",
     "robot.robot": "EffectSpec Joint Limits Robot",
     "signals.options": "SignalOptions",
     "signals.recording": "Recording",

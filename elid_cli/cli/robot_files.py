@@ -8,6 +8,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from elid_cli.cli.output import note
 from elid_cli.errors import ElidError, UsageError
+from elid_cli.experiment.robot_file import (
+    WRITTEN,
+    beyond_format,
+    foreign,
+    named,
+    other_limits,
+    stays_aside,
+    without_springs,
+    write_described,
+)
 from elid_cli.files import check_target, write_text
 
 if TYPE_CHECKING:
@@ -15,9 +25,6 @@ if TYPE_CHECKING:
     from elid_cli.estimation.judgement import JointError
     from elid_cli.estimation.result import Identification
     from elid_cli.robot.robot import EffectSpec, Robot
-
-FOREIGN = (".urdf", ".xml", ".mjcf")
-"""Suffixes of formats that hold no effects."""
 
 
 def check_described(files: Files) -> None:
@@ -27,7 +34,7 @@ def check_described(files: Files) -> None:
     if files.write_actuators is not None:
         check_target(files.write_actuators, (".json", ".yaml", ".yml"), "actuators")
     for path in files.write_robot:
-        check_target(path, (".yaml", ".yml", *FOREIGN), "a robot file")
+        check_target(path, WRITTEN, "a robot file")
 
 
 class Written(NamedTuple):
@@ -39,7 +46,7 @@ class Written(NamedTuple):
     @property
     def own(self) -> str | None:
         """The first file in elid's own form, which holds effects."""
-        return next((path for path in self.files if not _foreign(path)), None)
+        return next((path for path in self.files if not foreign(path)), None)
 
 
 def write_found(
@@ -80,11 +87,11 @@ def write_found(
     written: list[str] = []
     refusals: list[ElidError] = []
     for path in files.write_robot:
-        beyond = _lost(refined, path)
-        late = _foreign(path) and _late(found) and files.write_actuators is None
+        beyond = beyond_format(refined, path)
+        late = foreign(path) and _late(found) and files.write_actuators is None
         lost = [spec for spec in beyond if (spec.effect, spec.joint) not in nuisances and not _beside(spec, files)]
         held = [s for s in beyond if s not in lost]
-        said = [*_without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files)]
+        said = [*without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files)]
         note([f"{path}: {sentence}" for sentence in said], output, "left out")
         try:
             if not lost and not late:
@@ -104,7 +111,7 @@ def write_found(
             refusals.append(refusal)
         else:
             written.append(path)
-            note([f"{path}: {sentence}" for sentence in _other_limits(refined, path)], output, "left out")
+            note([f"{path}: {sentence}" for sentence in other_limits(refined, path)], output, "left out")
     if files.write_actuators is not None:  # of the fit whose values the robot file holds
         _write_actuators(told, told_of, files.write_actuators)
     return Written(tuple(written), refusals[0] if refusals else None)
@@ -130,7 +137,7 @@ def _elsewhere(held: Sequence[EffectSpec], files: Files) -> list[str]:
     if not held:
         return []
     counts = {spec.effect: sum(other.effect == spec.effect for other in held) for spec in held}
-    words = [f"{count} × {name}" if count > 1 else _named([s for s in held if s.effect == name])
+    words = [f"{count} × {name}" if count > 1 else named([s for s in held if s.effect == name])
              for name, count in counts.items()]  # fmt: skip
     where = files.write_actuators
     told = f"{Path(where).name} holds it" if where is not None else "--write-actuators FILE.json holds it"
@@ -140,80 +147,11 @@ def _elsewhere(held: Sequence[EffectSpec], files: Files) -> list[str]:
 def _refused(path: str, lost: Sequence[EffectSpec]) -> UsageError:
     beside = Path(path).with_suffix(".json").name
     return UsageError(
-        f"{path}: this format cannot hold {_named(lost)}",
+        f"{path}: this format cannot hold {named(lost)}",
         detail="parameters that were found beside an effect are wrong without it",
         hint=f"{Path(path).with_suffix('.yaml')} holds all; --write-actuators {beside} holds friction beside it; "
         "--drop-effects writes the fit without",
     )
-
-
-def _without_springs(robot: Robot, path: str) -> list[str]:
-    """Return in words the stiffnesses that the user's own MJCF, patched, cannot hold: those of its rigid joints."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in FOREIGN or suffix == ".urdf" or not _patches(robot, path):
-        return []  # elid's own element of a URDF holds them
-    known = [k for k, j in enumerate(robot.joints) if "K" in j.parameters and j.name not in robot.rotors]
-    names = [name for name in robot.parameter_names() if name.kind == "K" and name.joint in known]
-    beside = Path(robot.source).with_suffix(".elid.yaml").name
-    return [f"{', '.join(names)}: the file's joints are rigid; {beside} or a .yaml holds stiffnesses"] if names else []
-
-
-def stays_aside(robot: Robot, path: str) -> list[str]:
-    """Return in words what the YAML beside a file said of a robot that a file of this name cannot hold."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in FOREIGN:
-        return []
-    from elid_cli.robot.files import read_robot
-    from elid_cli.robot.robot import Robot
-
-    said = []
-    own = Robot("", ()).gravity if suffix == ".urdf" else robot.gravity
-    if suffix != ".urdf" and _patches(robot, path):
-        own = read_robot(robot.source, beside=False).gravity
-    if robot.gravity != own:
-        wanted, others = (", ".join(f"{value:g}" for value in gravity) for gravity in (robot.gravity, own))
-        beside = Path(path).with_suffix(".elid.yaml").name
-        said.append(f"gravity: [{wanted}]: {beside} has to hold it; without that the file means [{others}]")
-    if suffix != ".urdf" and (soft := _softened(robot)):
-        said.append(
-            f"friction of {', '.join(soft)} fades in over a speed: solreffriction and solimpfriction hold it for "
-            "MuJoCo; elid and other simulators take friction of an MJCF to hold a joint at rest"
-        )
-    if suffix != ".urdf" and (geared := _gears_beside(robot, path)):
-        said.append(
-            f"the gear ratio of {', '.join(geared)}: armature is the rotor's inertia at the joint, without its "
-            "coupling to the body that carries it"
-        )
-    return said
-
-
-def _gears_beside(robot: Robot, path: str) -> list[str]:
-    """Return the joints whose gear ratio an MJCF of this name does not have: the robot's own, patched."""
-    if not _patches(robot, path) or all(joint.gear_ratio is None for joint in robot.joints):
-        return []  # a new one has rotors
-    from elid_cli.robot.files import read_robot
-
-    own = {joint.name: joint.gear_ratio for joint in read_robot(robot.source, beside=False).joints}
-    return [j.name for j in robot.joints if j.gear_ratio is not None and j.gear_ratio != own.get(j.name)]
-
-
-def _other_limits(robot: Robot, path: str) -> list[str]:
-    """Return in words the torque limits that a written MJCF does not have: its actuators keep lower ones."""
-    if Path(path).suffix.lower() not in (".xml", ".mjcf"):
-        return []
-    from elid_cli.robot.files import read_robot
-
-    limits = {joint.name: joint.limits.torque for joint in read_robot(path, beside=False).joints}
-    wanted = {joint.name: joint.limits.torque or 0.0 for joint in robot.joints}
-    names = [name for name, limit in limits.items() if limit and limit < 0.999 * wanted.get(name, 0.0)]
-    return [f"the torque limit of {', '.join(names)}: an actuator of the file has a lower one"] if names else []
-
-
-def _softened(robot: Robot) -> list[str]:
-    """Return the joints whose friction an MJCF softens."""
-    from elid_cli.model.effects.declared import is_soft_in_mjcf
-
-    return [spec.joint or robot.joint_names[0] for spec in robot.effects if is_soft_in_mjcf(robot, spec)]
 
 
 def _without(
@@ -237,7 +175,7 @@ def _without(
         if (before := error.get(joint)) is not None and now.rms is not None and before.rms is not None
     ]
     said = [
-        f"{', '.join(word for word in (_named(lost), late) if word)}; the parameters are those of a fit without",
+        f"{', '.join(word for word in (named(lost), late) if word)}; the parameters are those of a fit without",
         f"the held-out error of the torque becomes {', '.join(worse)} (N·m or N)",
     ]
     return answer, identified_robot(answer), said
@@ -255,74 +193,3 @@ def _nuisances() -> set[str]:
     from elid_cli.model.effects import effect_classes
 
     return {name for name, kind in effect_classes().items() if kind.nuisance is not None}
-
-
-def _foreign(path: str) -> bool:
-    return Path(path).suffix.lower() in FOREIGN
-
-
-def _named(lost: Sequence[EffectSpec]) -> str:
-    return ", ".join(spec.effect + (f" of {spec.joint}" if spec.joint else "") for spec in lost)
-
-
-def _lost(robot: Robot, path: str) -> list[EffectSpec]:
-    """Return the effects that a file of this name cannot hold."""
-    if not _foreign(path):
-        return []
-    if Path(path).suffix.lower() == ".urdf":
-        return list(robot.effects)
-    from dataclasses import replace
-
-    from elid_cli.model.effects.declared import is_soft_in_mjcf
-    from elid_cli.robot.mjcf.held import is_held
-
-    file = robot if _patches(robot, path) else replace(robot, source="")
-    return [spec for spec in robot.effects if not is_held(file, spec) and not is_soft_in_mjcf(robot, spec)]
-
-
-def _patches(robot: Robot, path: str) -> bool:
-    """Whether a file of this name is the robot's own with other numbers."""
-    if not robot.source:
-        return False
-    from elid_cli.robot.files import is_mjcf
-
-    return is_mjcf(Path(robot.source)) == (Path(path).suffix.lower() != ".urdf")
-
-
-def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> None:
-    """Write a robot as the file's suffix says, whatever effects it has.
-
-    Raises
-    ------
-    RobotError
-        Parameters that the format cannot hold.
-    UsageError
-        The file cannot be written.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix not in FOREIGN:
-        from elid_cli.robot.files import write_robot
-
-        write_robot(robot, path, remarks)
-    elif _patches(robot, path):
-        from elid_cli.experiment.mjcf_friction import soft_attributes
-        from elid_cli.robot.patch import patched
-
-        further = soft_attributes(robot) if suffix != ".urdf" else {}
-        write_text(path, patched(robot, remarks, further, Path(path).parent))
-    else:
-        from elid_cli.experiment.mjcf import mjcf_text
-        from elid_cli.robot.urdf.write import urdf_text
-        from elid_cli.robot.xml_edit import XmlEdit
-
-        edit = XmlEdit(urdf_text(robot) if suffix == ".urdf" else mjcf_text(robot), path)
-        if remarks:
-            edit.comment(" ".join(remarks))
-        write_text(path, edit.text())
-
-
-def not_held(robot: Robot, path: str) -> list[str]:
-    """Return in sentences what a file of this name does not hold of a robot, stiffnesses and effects."""
-    lost = _lost(robot, path)
-    effects = [f"{_named(lost)}: the format cannot hold it"] if lost else []
-    return [*_without_springs(robot, path), *effects]

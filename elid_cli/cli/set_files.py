@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elid_cli.cli.robot_files import not_held, write_described
 from elid_cli.errors import UsageError
+from elid_cli.experiment.robot_file import not_held, write_described
 from elid_cli.files import check_target, check_writable
 
 if TYPE_CHECKING:

@@ -86,7 +86,7 @@ def robot_from_text(text: str, name: str) -> Robot:
 def write_robot(robot: Robot, path: str | Path, remarks: Sequence[str] = ()) -> None:
     """Write a description of `robot` as YAML that reads back to exactly the same robot, `path` whole or not at all.
 
-    `remarks` stand above it as comments.
+    `remarks` stand above it as comments. Other formats are those of `elid_cli.experiment.robot_file`.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from elid_cli.cli import main
-from elid_cli.cli.robot_files import not_held, stays_aside
+from elid_cli.experiment.robot_file import not_held, stays_aside
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.logs.writing import write_recording
 from elid_cli.robot.files import read_robot, write_robot
