@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, UsageError, first_of
+from elid_cli.errors import LogError, UsageError, first_of, nearest
 from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
+from elid_cli.logs.mapping.joints_in_names import named_joints
 from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
@@ -103,13 +104,22 @@ def _without_absent(robot: Robot, parts: Sequence[_Held]) -> tuple[Robot, list[s
         still = {}
     said = []
     if 0 < len(absent) < robot.n:
-        said.append(f"{_count(absent)} locked at 0, as the log does not hold {_them(absent)}: {_listed(absent)}")
+        near = _nearest(robot, absent, parts)
+        said.append(f"{_count(absent)} locked at 0, as the log does not hold {_them(absent)}: {_listed(absent)}{near}")
         robot = locked(robot, dict.fromkeys(absent, 0.0))
     if still:
         where = _listed([f"{name} at {at:g}" for name, at in still.items()])
         said.append(f"{_count(list(still))} locked where the log has {_them(list(still))} without any motion: {where}")
     said += beyond_limits(robot, still)
     return locked(robot, still), said
+
+
+def _nearest(robot: Robot, absent: Sequence[str], parts: Sequence[_Held]) -> str:
+    """Return the names in a log nearest to joints that it does not hold, of those that are no joint's; in words."""
+    free = sorted(frozenset().union(*(part.names for part in parts)).difference(robot.joint_names, robot.order))
+    found = [(name, like) for name in absent if (like := nearest(name, free))]
+    pairs = [like if len(absent) == 1 else f"{name} {like}" for name, like in found]
+    return f" (nearest name in the log that is no joint's: {_listed(pairs)})" if pairs else ""
 
 
 def _ungeared(robot: Robot) -> list[str]:
@@ -135,20 +145,23 @@ class _Held:
     """Of those with both: where they show no deflection (`same_position`)."""
     still: Mapping[str, float] = field(default_factory=dict)
     """Of those that do not move at all: where they stand, rad or m."""
+    names: frozenset[str] = frozenset()
+    """What the log calls its joints itself, without what was read."""
 
 
 def _held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto: Sequence[str]) -> Iterable[_Held]:
     """Yield what each part of a log holds; numbers are looked at where an open question is asked of both sides."""
     for raw, plan in _parts(robot, log, mapping):
+        names = _unused(raw, plan)
         link, motor = (_placed(plan, signal, robot) for signal in ("q", "theta"))
         if any(name in link & motor for name in auto):
-            yield _looked_at(raw, plan, robot, frozenset(auto))
+            yield replace(_looked_at(raw, plan, robot, frozenset(auto)), names=names)
         elif (unnamed := _unnamed(raw, plan, robot)) or (robot.source and robot.n > 1 and link | motor):
             found, idle = _by_numbers(raw, plan, robot)
             absent = unnamed - found
-            yield _Held(link - absent, motor - absent, still=idle)
+            yield _Held(link - absent, motor - absent, still=idle, names=names)
         else:
-            yield _Held(link, motor)
+            yield _Held(link, motor, names=names)
 
 
 def _parts(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None) -> Iterable[tuple[RawLog, ReadPlan]]:
@@ -164,6 +177,16 @@ def _parts(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None) -> 
 
 def _plan(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> ReadPlan:
     return resolve(raw.channels, layers_of(raw, robot, mapping), robot)
+
+
+def _unused(raw: RawLog, plan: ReadPlan) -> frozenset[str]:
+    """Return the names of joints in a part of which nothing is read."""
+    picks = [pick for placement in plan.placements.values() for pick in placement.picks]
+    return frozenset(
+        name
+        for name in named_joints(raw.channels)
+        if not any(name in pick.columns or pick.source.endswith(name) for pick in picks)
+    )
 
 
 def _placed(plan: ReadPlan, signal: str, robot: Robot) -> frozenset[str]:

@@ -16,7 +16,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.checks.units_and_signs import unit_lines
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
-from elid_cli.logs.mapping.joints_in_names import names_in_columns
+from elid_cli.logs.mapping.joints_in_names import named_joints
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import ReadPlan
@@ -255,13 +255,7 @@ def _clocks(
 
 def _joint_names(raw: RawLog) -> tuple[str, ...]:
     """Return the joints that a log names itself, for `elid info` without a robot."""
-    labelled = [channel.labels for channel in raw.channels if channel.labels]
-    if labelled:
-        return tuple(dict.fromkeys(label for labels in labelled for label in labels))
-    named = [m.group(1) for c in raw.channels if (m := re.fullmatch(r"/?(?:q|theta|tau)[./](.+)", c.source))]
-    if named:
-        return tuple(dict.fromkeys(named))
-    if joints := names_in_columns([c.source for c in raw.channels if c.width == 1 and not c.field]):
+    if joints := named_joints(raw.channels):
         return joints
     wide = [channel.width for channel in raw.channels if channel.source in ("/q", "/theta", "/tau")]
     numbers = {int(m.group(1)) for c in raw.channels if (m := re.match(r"[A-Za-z_]+(\d+)", c.source))}

@@ -99,6 +99,26 @@ def test_joints_that_the_log_lacks_are_locked(arm: Path, tmp_path: Path) -> None
     assert "1 joint locked at 0, as the log does not hold it: axis_5" in robot.notes
 
 
+def test_the_nearest_name_in_the_log_is_told_of_a_joint_that_it_lacks(arm: Path, tmp_path: Path) -> None:
+    words = [f"{s}.{name}" for s in ("q", "tau") for name in ("axis_1", "axis_2", "axis_3", "axis_4", "axsi_5")]
+    log = csv(tmp_path / "log.csv", waves(words))
+    robot = robot_as_logged(read_robot(arm), [log])
+    said = (
+        "1 joint locked at 0, as the log does not hold it: axis_5 (nearest name in the log that is no joint's: axsi_5)"
+    )
+    assert said in robot.notes
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file.attrs["joint_names"] = ["axis_1", "axis_2", "axis_3", "axsi_4", "axsi_5"]
+        for signal in ("q", "tau"):
+            file[signal] = np.column_stack(list(waves(words[:5]).values()))
+        file["t"] = np.arange(400) / 100
+    (told,) = (n for n in robot_as_logged(read_robot(arm), [tmp_path / "log.h5"]).notes if "locked" in n)
+    assert told.endswith("(nearest name in the log that is no joint's: axis_4 axsi_4, axis_5 axsi_5)")
+    mapped = {s: {"from": f"/{s}", "joints": {"axis_4": "axsi_4", "axis_1": "axis_1"}} for s in ("q", "tau")}
+    robot = robot_as_logged(read_robot(arm), [tmp_path / "log.h5"], mapped)
+    assert "axsi_4" not in " ".join(robot.notes)
+
+
 def test_joints_that_no_message_names_are_locked(arm: Path, tmp_path: Path) -> None:
     arm.write_text(re.sub(r'(<joint name="axis_5"[^>]*>)', r'\1<mimic joint="axis_4"/>', arm.read_text()))
     made, names = Bag(), ["axis_3", "axis_1", "axis_4"]

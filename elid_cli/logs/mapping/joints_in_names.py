@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
+from elid_cli.logs.contract import Channel
 from elid_cli.logs.mapping.suggest import NO_POSITION, POSITIONAL, RATES
 
 MEANING = POSITIONAL | NO_POSITION | RATES
@@ -28,6 +29,17 @@ def names_in_columns(columns: Sequence[str]) -> tuple[str, ...]:
             groups[tuple(joints)] = groups.get(tuple(joints), 0) + 1
     best = max(groups, key=lambda joints: (groups[joints] * len(joints), -len("".join(joints))), default=())
     return best if best and groups[best] > 1 else ()
+
+
+def named_joints(channels: Sequence[Channel]) -> tuple[str, ...]:
+    """Return the joints that a log names itself: those of its arrays or messages, or in the names of its columns."""
+    labelled = [channel.labels for channel in channels if channel.labels]
+    if labelled:
+        return tuple(dict.fromkeys(label for labels in labelled for label in labels))
+    named = [m.group(1) for c in channels if (m := re.fullmatch(r"/?(?:q|theta|tau)[./](.+)", c.source))]
+    if named:
+        return tuple(dict.fromkeys(named))
+    return names_in_columns([c.source for c in channels if c.width == 1 and not c.field])
 
 
 def _cuts(column: str) -> list[tuple[str, str, bool]]:
