@@ -6,6 +6,7 @@ import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -119,6 +120,26 @@ def test_without_gains_the_error_says_what_to_give(tmp_path: Path) -> None:
         read(without_torque(tmp_path, "log.h5"), robot=RIGID)
     assert "--kp 20 --kd 0.5" in caught.value.hint
     assert "control: {kp: 20, kd: 0.5}" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("kp", "said", "detail"),
+    [
+        ("sixty", "no torque, and no usable gains kp to", "kp: /kp cannot be read: 'sixty', which is no number"),
+        (KP[:2], "no torque, and no usable gains kp to", "kp: /kp holds 2 unnamed values per sample for 3 joint"),
+        (KP * [1, -1, 1], f"kp of {JOINTS[1]} is -", "read from /kp"),
+    ],
+)
+def test_gains_of_a_log_that_cannot_be_are_named_and_those_that_are_given_win(
+    tmp_path: Path, kp: Any, said: str, detail: str
+) -> None:
+    path = without_torque(tmp_path, "log.h5", kp=kp, kd=KD)
+    with pytest.raises(LogError, match=said) as caught:
+        read(path, robot=RIGID)
+    assert detail in caught.value.detail
+    assert "--kp 20" in caught.value.hint
+    log = read(path, robot=RIGID, mapping={"kp": {"value": KP.tolist()}})
+    np.testing.assert_allclose(log.tau, told()[1], rtol=1e-12, atol=1e-12)
 
 
 def test_a_wrong_number_of_gains_names_its_option() -> None:

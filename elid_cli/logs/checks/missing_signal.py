@@ -8,9 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from elid_cli._types import Array
 from elid_cli.errors import LogError, first_of, in_words, nearest
 from elid_cli.logs.contract import Channel, RawLog
+from elid_cli.logs.mapping.find import ABSENT
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import fits
@@ -39,6 +42,18 @@ class MissingSignal:
         who = f" for {joint}" if joint else ""
         raise LogError(f"{self.name}: {what}{who}", detail=self._detail(signal, joint), hint=self._hint(signal, joint))
 
+    def refuse_negative(self, filled: Mapping[str, Array]) -> None:
+        """Raise the LogError of a gain of the log that is negative: a drive with one would run away."""
+        for gain in (name for name in GAINS if name in filled):
+            least = np.nan_to_num(filled[gain]).min(axis=0, initial=0.0)
+            for joint in np.flatnonzero(least < 0).tolist():
+                raise LogError(
+                    f"{self.name}: {gain} of {self.robot.joint_names[joint]} is {least[joint]:g}: it must not be "
+                    "negative",
+                    detail=f"it is read from {self.plan.placements[gain].places}",
+                    hint=f"give the drive's own, such as --{gain} 20, or one number per joint with commas between",
+                )
+
     def refuse_torque(self, filled: Mapping[str, Array]) -> None:
         """Raise the LogError of a log without any torque; where commands would make one, name what they lack."""
         lacking = [gain for gain in GAINS if gain not in filled]
@@ -47,9 +62,12 @@ class MissingSignal:
                 f"--{gain} {value}" for gain, value in zip(GAINS, ("20", "0.5"), strict=True) if gain in lacking
             )
             place = self.robot.place_to_say
+            formula = "tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff, gains in N·m/rad and N·m·s/rad at the joint"
+            unfit = [f"{g}: {why}" for g in lacking if (why := self.plan.reasons.get(g, "")) and ABSENT not in why]
             raise LogError(
-                f"{self.name}: no torque, and no gains {' '.join(lacking)} to compute it from q_des",
-                detail="tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff, gains in N·m/rad and N·m·s/rad at the joint",
+                f"{self.name}: no torque, and no {'usable ' * bool(unfit)}gains {' '.join(lacking)} to compute it "
+                "from q_des",
+                detail="; ".join([*unfit, formula]),
                 hint=f"give the drive's own, such as {options}, or control: {{kp: 20, kd: 0.5}} {place}",
             )
         lacked = untold(self.plan)

@@ -53,7 +53,8 @@ def check(
     Raises
     ------
     LogError
-        If a signal that the robot needs is missing; with `strict`, also if a joint lacks one it could do without.
+        If a signal that the robot needs is missing, or a gain is negative; with `strict`, also if a joint lacks one it
+        could do without.
     """
     samples = max((stop for _, stop in segments), default=0)
     filled = {s: signals[s] if s in signals else np.full((samples, robot.n), np.nan) for s in ("q", "theta", "tau")}
@@ -63,12 +64,13 @@ def check(
     warnings += _drop_sensors(filled, robot)
     notes: list[str] = []
     _name_efforts(filled, robot, plan, notes)
+    fault = MissingSignal(robot, plan, raw, name, tuple(warnings))
+    fault.refuse_negative(signals)
     computed = _compute_torque(filled, robot, plan, segments, dt, notes) if samples else ""
     has: dict[str, NDArray[np.bool_]] = {
         s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
     }
     read = has["tau_link"] & ~has["tau"] if "tau_link" in has else np.zeros(robot.n, bool)
-    fault = MissingSignal(robot, plan, raw, name, tuple(warnings))
     for j, joint in enumerate(robot.joints):
         if not has["q"][j] and not has["theta"][j]:
             fault.refuse("theta", joint.name, "no position")

@@ -202,7 +202,7 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
         file = h5py.File(stream if stream is not None else str(source.path), "r")
         datasets, refused = contents(file)
         labels = _names(file.attrs.get("joint_names"))
-        gains = _gains(file, datasets)
+        gains = _gains(file, datasets, refused)
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise LogError(
             f"{source.name}: HDF5 file is cut or damaged",
@@ -228,7 +228,7 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
                 _names(file[prefix].attrs.get("joint_names")) or labels,
                 source.path,
                 tell=_share_of(source, number, len(ordered)),
-                gains=_gains(file[prefix], episodes[prefix]) or gains,
+                gains=_gains(file[prefix], episodes[prefix], refused) or gains,
             )
             for number, prefix in enumerate(ordered)
         ]
@@ -252,8 +252,11 @@ def in_memory(source: Source, arrays: Iterable[tuple[str, Any]]) -> Sequence[Hdf
     return _open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
 
 
-def _gains(group: Any, datasets: dict[str, Any]) -> dict[str, Array]:
-    """Return gains that hold for a whole log, by path: attributes, or arrays of one value or one per joint."""
+def _gains(group: Any, datasets: dict[str, Any], refused: dict[str, str]) -> dict[str, Array]:
+    """Return gains that hold for a whole log, by path: attributes, or arrays of one value or one per joint.
+
+    Why one is not read goes into `refused`.
+    """
     found = {f"/{gain}": group.attrs[gain] for gain in GAINS if gain in group.attrs}
     longest = max((max(d.shape, default=0) for d in datasets.values()), default=0)
     for path in (f"/{gain}" for gain in GAINS):
@@ -262,7 +265,13 @@ def _gains(group: Any, datasets: dict[str, Any]) -> dict[str, Array]:
         if path not in found and held is not None and getattr(held, "size", longest) < longest:
             found[path] = held[()]
             datasets.pop(path, None)
-    return {path: np.atleast_1d(np.asarray(value, dtype=float)).ravel() for path, value in found.items()}
+    gains = {}
+    for path, value in found.items():
+        try:
+            gains[path] = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
+        except (TypeError, ValueError):
+            refused[path] = f"{value!r}, which is no number"
+    return gains
 
 
 def _share_of(source: Source, number: int, count: int) -> Callable[[float], None]:
