@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import compress
@@ -17,6 +17,7 @@ from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.checks.units_and_signs import unit_lines
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.joints_in_names import named_joints
+from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import ReadPlan
@@ -79,6 +80,8 @@ class LogInfo(Shown):
     """The mapping that says what was taken from where."""
     chain: str = ""
     """Link whose chain has as many joints as a table without names has columns for; empty: not looked for."""
+    gains_missing: tuple[str, ...] = ()
+    """Gains by which its commands would make the torque that it lacks, and which neither it nor the robot holds."""
 
 
 def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[str, Any] | None = None) -> LogInfo:
@@ -157,7 +160,15 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
             if not placement.either or (signal == "tau" and robot is not None)  # else the robot to come decides
         },
         chain=link,
+        gains_missing=_gains_missing({*plan.placements, *(line.partition(":")[0] for line in fresh)}, chosen),
     )
+
+
+def _gains_missing(known: Collection[str], robot: Robot) -> tuple[str, ...]:
+    """Return the gains that a torque from commands lacks, of a log with these signals; none where it has a torque."""
+    if "q_des" not in known or {"tau", "tau_link"} & set(known):
+        return ()
+    return tuple(gain for gain in GAINS if gain not in known and gain not in robot.control)
 
 
 def _with_effort_named(plan: ReadPlan, robot: Robot) -> ReadPlan:

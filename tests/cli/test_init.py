@@ -179,6 +179,26 @@ def test_gains_are_asked_for_where_the_log_holds_commands_only(
     assert read_robot(arm).control["kp"] == {"shoulder": 20.0, "elbow": 10.0}
 
 
+def test_commands_without_gains_are_proposed_with_places_for_them(elid: Elid, arm: Path, tmp_path: Path) -> None:
+    t = np.arange(500) / 100
+    for log, gains in (("told.csv", {}), ("gains.csv", {"kp": 20 + 0 * t, "kd": 1 + 0 * t})):
+        joints = {
+            f"{s}.{joint}": np.sin(t + k) for k, joint in enumerate(("shoulder", "elbow")) for s in ("q", "q_des")
+        }
+        columns = {"t": t, **joints, **{f"{g}.{j}": v for g, v in gains.items() for j in ("shoulder", "elbow")}}
+        header = ",".join(columns)
+        np.savetxt(tmp_path / log, np.column_stack([*columns.values()]), delimiter=",", header=header, comments="")
+        for verb in ("info", "init"):
+            words = [log, "--robot", "arm.urdf"] if verb == "info" else ["arm.urdf", log, "--force"]
+            (line,) = (x for x in elid(verb, *words, cwd=tmp_path).stdout.splitlines() if x.startswith("Next:"))
+            asked = "" if gains else " --kp GAIN --kd GAIN"
+            assert line == f"Next: elid identify {log} --robot arm.urdf{asked}"
+    arm.with_suffix(".elid.yaml").write_text("control: {kp: 20, kd: 1}\n")
+    assert "GAIN" not in elid("info", "told.csv", "--robot", "arm.urdf", cwd=tmp_path).stdout
+    mapped = elid("info", "told.csv", "--robot", "arm.urdf", "--map", "kp={value: 20}", cwd=tmp_path).stdout
+    assert "GAIN" not in mapped
+
+
 def test_a_file_that_is_there_is_kept_without_force(elid: Elid, arm: Path) -> None:
     beside = arm.with_suffix(".elid.yaml")
     beside.write_text("gravity: [0, 0, 0]\n")

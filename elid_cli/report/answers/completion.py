@@ -52,4 +52,5 @@ def _next(known: Completion, robot: str, file: str) -> str:
     log = known.logged or "LOG"
     if known.guesses or known.missing:
         return shlex.join(["elid", "info", log, "--robot", robot]) + f"   # then complete {file}"
-    return shlex.join(["elid", "identify", log, "--robot", robot])
+    gains = ["--kp", "GAIN", "--kd", "GAIN"] if known.gains_missing else []
+    return shlex.join(["elid", "identify", log, "--robot", robot, *gains])

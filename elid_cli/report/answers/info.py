@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from elid_cli.logs.inspect import ChannelInfo, LogInfo
+from elid_cli.logs.mapping.language import GAINS
 from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 from elid_cli.robot.files import fingerprint
@@ -70,8 +71,8 @@ def log_sections(info: LogInfo, number: int = 0) -> list[Section]:
             Text(f"suggested{suffix}", what if info.missing else units),
             Text(f"mapping{suffix}", info.mapping.rstrip("\n"), "code"),
         ]
-        if "\nq_des:" in f"\n{info.mapping}":
-            sections.append(Text(f"computed{suffix}", COMPUTED))
+    if "\nq_des:" in f"\n{info.mapping}" or info.gains_missing:
+        sections.append(Text(f"computed{suffix}", COMPUTED))
     return sections
 
 
@@ -84,7 +85,8 @@ def _answer(info: LogInfo) -> str:
     many = f"{len(info.joints)} joint{'s' * (len(info.joints) != 1)}"
     if not info.missing:
         units = ", with the mapping below, which says its units" if info.mapping else ""
-        return f"This log can be used{units}: it has {listed(list(info.taken))} of {many}{size}."
+        drives = ", with the gains of its drives" if info.gains_missing else ""
+        return f"This log can be used{units}{drives}: it has {listed(list(info.taken))} of {many}{size}."
     how = "a guess is below" if info.mapping else "--map can say where that is"
     return f"Not found in this log of {many}{size}: {listed(list(info.missing))}; {how}."
 
@@ -131,8 +133,10 @@ def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str], writ
     missing = {signal for info in infos for signal in info.missing}
     guessed = {line.partition(":")[0] for info in infos for line in info.mapping.splitlines()}
     rate = ["--rate", "HZ"] if "t" in missing - guessed else []
+    lacking = {gain for info in infos for gain in info.gains_missing}
+    gains = [part for gain in GAINS if gain in lacking for part in (f"--{gain}", "GAIN")]
     if written:
-        return shlex.join(["elid", "identify", *files, *named, "--map", written, *rate])
+        return shlex.join(["elid", "identify", *files, *named, "--map", written, *gains, *rate])
     if robot and (link := next((info.chain for info in infos if info.chain), "")):
         return shlex.join(["elid", "info", *files, *named, "--tip", link, *given])
     if missing - {"t"} and not any(info.mapping or info.resolved for info in infos):
@@ -141,7 +145,7 @@ def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str], writ
         name = next(name for k in range(len(maps) + 1) if (name := f"map{k or ''}.yaml") not in maps)
         own = ["--robot", robot] if robot else []
         return shlex.join(["elid", "info", *files, *own, *given, "--write-map", name])
-    return shlex.join(["elid", "identify", *files, *named, *given, *rate])
+    return shlex.join(["elid", "identify", *files, *named, *given, *gains, *rate])
 
 
 def _log(infos: Sequence[LogInfo]) -> dict[str, Any]:
