@@ -220,6 +220,7 @@ class Identification(Shown):
     def drives(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
         """Values and errors of every drive, by joint and parameter, of a fit of the motion under commands; else empty.
 
+        Parameters are ``Ja`` ``fs`` ``fv`` ``offset``, each with ``estimate``, ``std_error`` and ``verdict`` at least.
         Its bodies are those of the robot file.
         """
         told: Any = self.settings.get("trajectory")

@@ -103,6 +103,12 @@ def test_python_code_runs(name: str) -> None:
         )  # fmt: skip
         assert (done.returncode, done.stderr) == (0, "")
         assert name != "README.md" or "stribeck joint2" in done.stdout
+        if "found.drives.items()" in code:  # the truth is in the code: 0.02, 0.1, 0.05
+            told = {line.split()[1]: line.split() for line in done.stdout.splitlines() if line.startswith("swing ")}
+            assert {"Ja", "fs", "fv", "offset"} == told.keys()
+            for parameter, truth in (("Ja", 0.02), ("fs", 0.1), ("fv", 0.05)):
+                assert abs(float(told[parameter][2]) - truth) < 0.01 * truth
+                assert told[parameter][4] == "supported"
 
 
 def commands_of(text: str) -> list[list[str]]:
