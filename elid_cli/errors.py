@@ -173,13 +173,13 @@ def check_word(where: str, word: object, words: Sequence[str]) -> None:
         What may be given.
     """
     if word is not None and word not in words:
-        raise UsageError(f"{where} {word!r}: not one of {in_words(words)}", hint=did_you_mean(str(word), words))
+        raise UsageError(f"{where}: {word!r} says nothing here", hint=did_you_mean(str(word), words))
 
 
 def check_number(where: str, value: object) -> None:
     """Refuse an argument that is neither a real number nor None (UsageError)."""
     if value is not None and not isinstance(value, Real):
-        raise UsageError(f"{where} {value!r}: not a number", hint="give a number, in SI units")
+        raise UsageError(f"{where}: {value!r} is no number", hint="give a number, in SI units")
 
 
 def check_kind(where: str, value: object, kind: type, hint: str) -> None:
