@@ -24,8 +24,8 @@ def write_robot(robot: Robot, path: str | Path, remarks: Sequence[str] = ()) -> 
     """Write a robot to a file as its name says: ``.yaml``, ``.urdf``, or an MJCF, ``.xml`` or ``.mjcf``.
 
     The YAML holds all of a robot. A URDF or MJCF is a copy of the file that the robot was read from, with new numbers,
-    or a new one. What it cannot hold of the joints, and offsets and delays of the torque channels, it leaves out: a
-    comment in it and a Python warning say so.
+    or a new one. What it cannot hold of the joints, and offsets of the torque channels, it leaves out: a comment in it
+    and a Python warning say so. Effects and delays it refuses to leave out.
 
     Parameters
     ----------
@@ -39,30 +39,42 @@ def write_robot(robot: Robot, path: str | Path, remarks: Sequence[str] = ()) -> 
     Raises
     ------
     UsageError
-        Another suffix, an effect that the format cannot hold, or a file that cannot be written.
+        Another suffix, an effect or a delay that the format cannot hold, or a file that cannot be written.
     RobotError
         Parameters that the format cannot hold: unknown ones, or those of bodies that no robot has.
     """
-    from elid_cli.model.effects import nuisance_of
     from elid_cli.signals.fitting_robot import check_robot
 
     check_robot(robot)
     check_target(path, WRITTEN, "a robot file")
     name = str(path)
     beyond = beyond_format(robot, name)
-    wrong = [spec for spec in beyond if nuisance_of(spec.effect) is None]
-    if wrong:
-        raise UsageError(
-            f"{name}: this format cannot hold {named(wrong)}",
-            detail="parameters that were found beside an effect are wrong without it",
-            hint=f"{Path(path).with_suffix('.yaml')} holds all; a robot without them is written: "
-            "dataclasses.replace(robot, effects=())",
-        )
+    _refuse_beyond(beyond, name)
     said = [*without_springs(robot, name), *stays_aside(robot, name)]
     said += [f"{named(beyond)}: left out, as this format cannot hold it"] if beyond else []
     write_described(robot, name, [*remarks, *said])
     for sentence in said:
         warnings.warn(f"{name}: {sentence}", stacklevel=2)
+
+
+def _refuse_beyond(beyond: Sequence[EffectSpec], path: str) -> None:
+    """Refuse to leave out effects, and delays, beside which other values were found (UsageError)."""
+    from elid_cli.model.effects import nuisance_of
+
+    whole, without = Path(path).with_suffix(".yaml"), "dataclasses.replace(robot, effects=()) leaves it out"
+    if wrong := [spec for spec in beyond if nuisance_of(spec.effect) is None]:
+        raise UsageError(
+            f"{path}: this format cannot hold {named(wrong)}",
+            detail="parameters that were found beside an effect are wrong without it",
+            hint=f"{whole} holds all; {without} nevertheless",
+        )
+    if late := [spec for spec in beyond if nuisance_of(spec.effect) == "delay"]:
+        raise UsageError(
+            f"{path}: this format cannot hold {named(late)}",
+            detail="of a fit of the motion under commands, the other values belong to it",
+            hint=f"{whole} holds all; identify with EstimateOptions(fit='trajectory', delays=False) fits such a log "
+            f"without; of a log of torques {without}",
+        )
 
 
 def without_springs(robot: Robot, path: str) -> list[str]:

@@ -11,7 +11,7 @@ import pytest
 from elid_cli import EffectSpec, Robot, UsageError, read_robot, write_robot
 from elid_cli.model.effects import effect_classes, nuisance_of
 
-DELAY = next(name for name in effect_classes() if nuisance_of(name) == "delay")
+DELAY, OFFSET = (next(n for n in effect_classes() if nuisance_of(n) == kind) for kind in ("delay", "offset"))
 
 
 @pytest.fixture
@@ -32,10 +32,14 @@ def test_a_robot_is_read_back_from_the_format_that_its_name_says(plain: Robot, s
 
 
 def test_what_a_format_cannot_hold_is_refused_or_told(plain: Robot, tmp_path: Path) -> None:
-    late = EffectSpec(DELAY, "joint1", {"delay": 0.001})
-    with pytest.warns(UserWarning, match=f"{DELAY} of joint1: left out"):
-        write_robot(replace(plain, effects=(late,)), tmp_path / "arm.xml")
-    assert f"{DELAY} of joint1: left out" in (tmp_path / "arm.xml").read_text()
+    pushed = EffectSpec(OFFSET, "joint1", {"offset": 0.1})
+    with pytest.warns(UserWarning, match=f"{OFFSET} of joint1: left out"):
+        write_robot(replace(plain, effects=(pushed,)), tmp_path / "arm.xml")
+    assert f"{OFFSET} of joint1: left out" in (tmp_path / "arm.xml").read_text()
+    late = replace(plain, effects=(EffectSpec(DELAY, "joint1", {"delay": 0.001}),))
+    with pytest.raises(UsageError, match=rf"cannot hold {DELAY} of joint1(.|\n)*delays=False"):
+        write_robot(late, tmp_path / "late.xml")
+    assert not (tmp_path / "late.xml").exists()
     bent = replace(plain, effects=(EffectSpec("stribeck", "joint1", effect_classes()["stribeck"].example),))
     with pytest.raises(UsageError, match=r"cannot hold stribeck of joint1(.|\n)*arm\.yaml holds all"):
         write_robot(bent, tmp_path / "arm.urdf")
