@@ -31,7 +31,7 @@ from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
 from elid_cli.diagnosis.unexplained import HELD_OUT
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, check_word
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.smooth_commands import as_told
@@ -74,6 +74,12 @@ class DiagnoseOptions:
     """What judges an effect: the torque of the rows, or the motion simulated under logged commands. ``auto``: motion
     where the log is one of commands without torque and `by_motion` can judge it, and no curve is asked for. `accurate`
     and `jobs` are of the search by torque alone."""
+
+    def __post_init__(self) -> None:
+        """Refuse words that say nothing, and names of no effect (UsageError)."""
+        check_word("DiagnoseOptions: by", self.by, ("auto", "torque", "motion"))
+        for name in self.only:
+            check_word("DiagnoseOptions: only", name, tuple(effect_classes()))
 
 
 def divided(robot: Robot, signals: Signals, *, others: bool = False) -> Log:
