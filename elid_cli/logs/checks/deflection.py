@@ -72,6 +72,17 @@ def same_position(q: Sensed, theta: Sensed, tau: Sensed | None) -> bool:
     return _is_noise(pieces, quantum) and not (tau is not None and _follows(pieces, quantum))
 
 
+def deflects_by(q: Sensed, theta: Sensed, tau: Sensed) -> float:
+    """Return the rms deflection, rad (m), of two positions that differ by more than noise and as the torque does; 0."""
+    if same_position(q, theta, None):
+        return 0.0
+    pieces = _pieces(q, theta, tau)
+    if not pieces or not _follows(pieces, _quantum(q.values) + _quantum(theta.values)):
+        return 0.0
+    apart = np.hstack(pieces)[1]
+    return float(np.std(apart))
+
+
 def _pieces(q: Sensed, theta: Sensed, tau: Sensed | None) -> list[Array]:
     """Return stretches of rows q, theta - q, dq and, where there is one, tau, at the stamps of the slower position."""
     slow = q if q.t.size <= theta.t.size else theta

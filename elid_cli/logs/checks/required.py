@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, in_words
 from elid_cli.logs.checks.commanded import UNTOLD, at_motors, commanded_torque, gains_of
+from elid_cli.logs.checks.deflection import Sensed, deflects_by
 from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
@@ -70,6 +71,7 @@ def check(
     has: dict[str, NDArray[np.bool_]] = {
         s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
     }
+    warnings += _deflecting(filled, robot, has, segments, dt)
     read = has["tau_link"] & ~has["tau"] if "tau_link" in has else np.zeros(robot.n, bool)
     for j, joint in enumerate(robot.joints):
         if not has["q"][j] and not has["theta"][j]:
@@ -86,6 +88,27 @@ def check(
     warnings += _lacking(robot, fault, ~has["q"], ~has["tau"] & ~read, strict=strict)
     optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
     return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
+
+
+def _deflecting(
+    filled: Mapping[str, Array], robot: Robot, has: Mapping[str, NDArray[np.bool_]],
+    segments: Sequence[tuple[int, int]], dt: float,
+) -> list[str]:  # fmt: skip
+    """Say which joints are declared rigid whose motor and link positions differ as their torque does."""
+    said = []
+    start, stop = max(segments, key=lambda part: part[1] - part[0], default=(0, 0))
+    t: Array = dt * np.arange(stop - start, dtype=float)
+    for j, joint in enumerate(robot.joints):
+        if joint.transmission != "rigid" or not all(has[name][j] for name in ("q", "theta", "tau")):
+            continue
+        by = deflects_by(*(Sensed.of(t, filled[name][start:stop, j]) for name in ("q", "theta", "tau")))
+        if by:
+            size = f"{1e3 * by:.2g} mrad" if joint.revolute else f"{1e3 * by:.2g} mm"
+            said.append(
+                f"{joint.name}: its transmission is declared rigid, but motor and link position differ by {size} (rms) "
+                f"that follow the torque: declare transmission: elastic {robot.place_to_say}"
+            )
+    return said
 
 
 def _drop_sensors(filled: dict[str, Array], robot: Robot) -> list[str]:
