@@ -6,7 +6,7 @@ motion follows decides: an effect that leaves clearly more in every block of tim
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from elid_cli._types import Array
@@ -49,6 +49,23 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
         others = tuple(c for c in result[k].rivals if c is not rival)
         result[k] = Named(rival.effect, rival.gain, rival.helped, others)
     return found, result, True
+
+
+def in_best_forms(
+    fit: TrajectoryFit, named: Sequence[Named], new: Collection[tuple[str, int]], declared: int
+) -> tuple[TrajectoryFit, list[Named]]:
+    """Return the fit and its effects, of which new ones, by name and joint, are in the form that does clearly best."""
+    asked = {k for k, item in enumerate(named) if (item.effect.name, item.effect.joint) in new}
+    forms = [replace(item, rivals=item.forms if k in asked else ()) for k, item in enumerate(named)]
+    if not any(item.rivals for item in forms):
+        return fit, list(named)
+    found, better, swapped = with_rivals(fit, forms, declared)
+    if not swapped:
+        return fit, list(named)
+    return found, [
+        replace(item, effect=own.effect, gain=own.gain, helped=own.helped)
+        for item, own in zip(named, better, strict=True)
+    ]
 
 
 def clearly_more(error: Array, other: Array) -> bool:

@@ -25,7 +25,7 @@ from elid_cli.diagnosis.by_motion.candidates import (
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import again, grown, hardened, in_place, softened_again, without
-from elid_cli.diagnosis.by_motion.rivals import with_rivals
+from elid_cli.diagnosis.by_motion.rivals import in_best_forms, with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
@@ -132,6 +132,8 @@ def search(
             # nothing counts as found before it is judged: Ctrl-C may come at any time
             fit, named = _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], known, tell)
             kept = _pairs(best) & _pairs(named)
+            # a wrong form leaves what looks like a second effect
+            fit, named = in_best_forms(fit, named, kept, known)
             taken, vain = taken + bool(kept), vain + (not kept)
             dropped = _dropped(dropped, best, named)
             waiting = []
