@@ -29,6 +29,7 @@ from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import beyond_range, physics_warnings, rotor_warnings
 from elid_cli.estimation.smooth_commands import as_told, noted
+from elid_cli.estimation.trajectory.doubtful_joints import driven
 from elid_cli.estimation.validation.prediction import errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
@@ -128,13 +129,13 @@ def _identify(robot: Robot, signals: Signals, options: EstimateOptions) -> Ident
 
             side = asked_motor_side(robot, signals, options)
             found, _ = identify_reduced(robot, reduce_each(robot, signals, {}), options)
-            return with_motor_side(with_load(found, signals.recording.commanded & ~signals.still), side)
+            return with_motor_side(with_load(found, driven(robot, signals.recording) & ~signals.still), side)
     side = asked_motor_side(robot, signals, options)
     if side is not None and options.fit == "auto":
         options = replace(options, fit="torque")
     found, corrected = fitted_below(signals, side, options, lambda used, how: _identified(robot, used, how))
     if signals.recording is not None and options.guards:
-        found = with_load(found, signals.recording.commanded & ~signals.still)
+        found = with_load(found, driven(robot, signals.recording) & ~signals.still)
     return with_motor_side(found, side, corrected=corrected)
 
 

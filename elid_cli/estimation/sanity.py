@@ -20,6 +20,7 @@ from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.doubtful_joints import standing
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import POSITIVE
 from elid_cli.robot.robot import Robot
@@ -52,9 +53,12 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     if plain:
         return plain
     negative = [w for w in found.warnings if "negative" in w]
-    if not negative and max((e.relative for e in found.error.values()), default=0.0) < BAD:
+    stand = [] if fit.signals.recording is None else standing(fit.model.robot, fit.signals.recording)
+    names = fit.model.robot.joint_names
+    driven = [error.relative for name, error in found.error.items() if names.index(name) not in stand]
+    if not negative and max(driven, default=0.0) < BAD:
         return ()
-    base, names = fit.base.count, fit.model.robot.joint_names
+    base = fit.base.count
     signals = replace(fit.signals, sensed=np.zeros(fit.signals.n, dtype=bool))  # by motor torque and positions alone
     observation = observe(fit.model, signals, mask=False)
     now = misfit(observation, base)

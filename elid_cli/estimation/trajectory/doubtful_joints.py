@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli.errors import in_words
 from elid_cli.estimation.result import Identification
@@ -30,6 +31,13 @@ def standing(robot: Robot, recording: Recording) -> list[int]:
     known = [column[np.isfinite(column)] for column in told.T[: robot.n]]
     still = [bool(part.size) and float(np.ptp(part)) <= CONSTANT for part in known]
     return [] if all(still) else [k for k, one in enumerate(still) if one]
+
+
+def driven(robot: Robot, recording: Recording) -> NDArray[np.bool_]:
+    """Return the joints that computed torques move, (n,): what is told to stand still the others push."""
+    found = recording.commanded.copy()
+    found[standing(robot, recording)] = False
+    return found
 
 
 def with_doubtful_joints(

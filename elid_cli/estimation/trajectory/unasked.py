@@ -13,6 +13,7 @@ import numpy as np
 
 from elid_cli.errors import DataError, LogError, RobotError, in_words
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.doubtful_joints import standing
 from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, is_at_noise, unsuited
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
 from elid_cli.model.effects.declared import resolve
@@ -60,6 +61,8 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
         fit, bodies = fit_of(found.robot, signals, recording, delays=delays)
     except (DataError, LogError, RobotError) as error:
         return _told(found, f"{COMPUTED}; the motion could not be fitted: {error}")
+    stand = {found.robot.joint_names[k] for k in standing(found.robot, recording)}
+    bodies = {name: share for name, share in bodies.items() if name not in stand}  # the others move those
     if bodies and _is_sufficient(found):
         moved = in_words(list(bodies))
         doubt = (
