@@ -13,6 +13,7 @@ from elid_cli.cli.values import File
 
 if TYPE_CHECKING:
     from elid_cli.estimation.comparison import SavedResult
+    from elid_cli.estimation.trend.trends import Trends
     from elid_cli.signals.options import SignalOptions
 
 
@@ -23,7 +24,12 @@ if TYPE_CHECKING:
     options.INPUT, "--by", type=click.Choice(("order", "time")), default="order", show_default=True,
     help="Slopes per recording in the order given, or per hour of the files' modification times.",
 )  # fmt: skip
-@options.option(options.GATES, "--fail-on-trend", is_flag=True, help="Fail when a parameter changes or has changed.")
+@options.option(
+    options.GATES,
+    "--fail-on-trend",
+    is_flag=True,
+    help="Fail when a parameter changes or has changed, or a recording stands out.",
+)
 @options.reading
 @options.conditioning
 @options.output
@@ -70,10 +76,17 @@ def trend(
         report = trend_report(found)
         report = illustrated(report, output, lambda build: build.trend_figures(found))
     emit(report, output)
+    if fail_on_trend and (broken := _broken(found)):
+        raise LimitError("; ".join(broken))
+
+
+def _broken(found: Trends) -> list[str]:
+    """Return what ``--fail-on-trend`` fails on: recordings that stand out, and changes of the others."""
+    from elid_cli.report.answers.trend_apart import outlying_words
+
     moved = [item.series.name for item in found.of("trend", "step")]
     moved += [f"{item.kind} of all joints" for item in found.families if item.word == "trend"]
-    if fail_on_trend and moved:
-        raise LimitError(f"{', '.join(moved)}: changed over the recordings")
+    return [*outlying_words(found), *([f"{', '.join(moved)}: changed over the recordings"] if moved else [])]
 
 
 def _identified(source: Source, output: Output) -> SavedResult:

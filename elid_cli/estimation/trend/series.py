@@ -27,7 +27,7 @@ class Step:
     """A change between two recordings."""
 
     after: int
-    """Number of the last recording before it."""
+    """Number of the last of the values before it, from 0."""
     size: float
     p: float
 
@@ -56,8 +56,6 @@ class Series:
     step: Step | None
     heterogeneity_p: float
     """Chance that the errors alone scatter values as far from their mean."""
-    stands_out: int | None
-    """Number of the recording that is far from all others, if one is."""
 
 
 def series_of(name: str, unit: str, place: Array, values: Array, errors: Array) -> Series:
@@ -85,7 +83,7 @@ def series_of(name: str, unit: str, place: Array, values: Array, errors: Array) 
     return Series(
         name, unit, place, values, errors, mean, float(np.sqrt(np.mean(errors**2))), math.sqrt(variance), slope,
         (slope - reach, slope + reach), p, _step(values, errors),
-        float(chdtrc(count - 1, q)) if count > 1 else 1.0, _far(values, errors),
+        float(chdtrc(count - 1, q)) if count > 1 else 1.0,
     )  # fmt: skip
 
 
@@ -131,19 +129,3 @@ def _step(values: Array, errors: Array) -> Step | None:
     best = int(np.argmax(np.abs(t)))
     p = min(1.0, len(sizes) * two_sided(float(t[best]), count - 2))
     return Step(int(sizes[best]) - 1, float(jumps[best]), p)
-
-
-def _far(values: Array, errors: Array) -> int | None:
-    """Return the recording that is farthest from the others' mean, where Student's t beyond all of them says so."""
-    count = len(values)
-    if count < LEAST + 1:
-        return None
-    centred = values - values.mean()
-    others = -centred / (count - 1)  # mean of all but one
-    squares = float(centred @ centred) - centred**2 - (count - 1) * others**2
-    own = (float(errors @ errors) - errors**2) / (count - 1)
-    variance = np.maximum(np.maximum(squares, 0.0) / (count - 2), own)
-    deviation = np.sqrt(np.maximum(np.maximum(variance * count / (count - 1), errors**2), 1e-300))
-    t = (centred - others) / deviation
-    worst = int(np.argmax(np.abs(t)))
-    return worst if count * two_sided(float(t[worst]), count - 2) < 0.01 else None

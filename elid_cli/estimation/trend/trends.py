@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
-from elid_cli.estimation.comparison import Result, as_saved
+from elid_cli.estimation.comparison import Result, SavedResult, as_saved
+from elid_cli.estimation.trend.apart import Estimates, StandsOut, standing_out
 from elid_cli.estimation.trend.conditions import conditions_of
 from elid_cli.estimation.trend.families import LEADER, Family, FamilyWord, explained, families
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
@@ -17,7 +19,9 @@ from elid_cli.robot.parameter import MOTOR_PARAMETERS
 from elid_cli.tables import Shown
 
 FALSE_ALARMS = 0.01
-"""Share of machines on which nothing changes and something is named."""
+"""Share of machines on which nothing changes and something is named: a change, or a recording that stands out."""
+APART = 0.0025
+"""Part of that which is left to recordings that stand out: those of another robot are far beyond any level."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,18 @@ class Trend:
     """One parameter with its verdict."""
 
     series: Series
+    """Of the recordings that do not stand out."""
     word: Word
+    numbers: tuple[int, ...] = ()
+    """Of the recordings of the series' values, from 0; empty: all."""
+    scattered: bool = False
+    """Whether recordings differ by more than their errors say, those that stand out left out."""
+    outside: Array = field(default_factory=lambda: np.empty((0, 3)))
+    """Place, estimate and standard error of recordings that stand out, (K, 3)."""
+
+    def number(self, k: int) -> int:
+        """Return the number of the recording of the series' value `k`, both from 0."""
+        return self.numbers[k] if self.numbers else k
 
     @property
     def drives(self) -> bool:
@@ -46,6 +61,8 @@ class Trends(Shown):
     """Of what slopes are given per one: ``recording``, ``hour``."""
     families: tuple[Family, ...] = ()
     """Kinds of parameters that enough joints have."""
+    stands_out: tuple[StandsOut, ...] = ()
+    """Recordings that are far from all others, and left out of everything else."""
 
     def joint_of(self, item: Trend) -> str:
         """Return the joint of a parameter: that of a sum's leading term, or the one that its name ends in."""
@@ -77,10 +94,11 @@ def _order(places: Sequence[float], count: int) -> list[int]:
 def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis: str = "recording") -> Trends:
     """Return which base parameters of a machine change over its recordings, and what was corrected beside them.
 
-    A trend or a step is named where its p-value holds among all parameters and both questions (Holm 1979), at
-    `FALSE_ALARMS` for the machine; so are lines through the mean of one kind of parameters over all joints. Of a
-    parameter with neither, recordings disagree where they scatter farther than their standard errors say; a kind of
-    parameters differs together where joints do so alike. Both are judged in the same way.
+    Recordings that stand out are named first, at `APART`, and all the rest is of the others. A trend or a step is named
+    where its p-value holds among all parameters and both questions (Holm 1979), at what is left of `FALSE_ALARMS` for
+    the machine; so are lines through the mean of one kind of parameters over all joints. Of a parameter with neither,
+    recordings disagree where they scatter farther than their standard errors say, or where one stands out; a kind of
+    parameters differs together where joints do so alike. Scatter is judged in the same way, at `FALSE_ALARMS`.
 
     Parameters
     ----------
@@ -109,42 +127,73 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     robots = list(dict.fromkeys(result.robot for result in read))
     if len(robots) > 1:
         raise UsageError(f"trend: results of different robots: {', '.join(robots[:4])}")
-    at = np.arange(float(len(read))) if places is None else np.asarray(places, dtype=float)
-    known = [{**result.parameters, **result.beside} for result in read]
-    names = list(dict.fromkeys(name for parameters in known for name in parameters))
-    series = []
-    for name in names:
-        found = [(at[k], e.value, e.std_error, e.unit) for k, parameters in enumerate(known)
-                 if (e := parameters.get(name)) and e.value is not None and e.std_error]  # fmt: skip
-        if len(found) >= LEAST:
-            columns = [np.array([row[c] for row in found], dtype=float) for c in range(3)]
-            series.append(series_of(name, found[0][3], columns[0], columns[1], columns[2]))
-    if not series:
+    told = _estimates(read, np.arange(float(len(read))) if places is None else np.asarray(places, dtype=float))
+    apart = standing_out(told, APART)
+    kept = np.ones(len(read), dtype=bool)
+    kept[[item.number for item in apart]] = False
+    followed = _followed(told, kept)
+    if not followed:
         raise UsageError("trend: no parameter is estimated in three of the results",
                          detail=", ".join(r.file for r in read[:4]))  # fmt: skip
+    trends, kinds = _named(followed, apart, int(kept.sum()))
+    conditions = conditions_of([result for result, keep in zip(read, kept, strict=True) if keep])
+    judged = tuple(replace(kind, explained=explained(kind, conditions)) if kind.word != "steady" else kind
+                   for kind in kinds)  # fmt: skip
+    return Trends(read[0].robot, tuple(r.file for r in read), trends, read[0].joints, axis, judged, apart)
+
+
+def _estimates(read: Sequence[SavedResult], places: Array) -> Estimates:
+    """Return what results estimate, as arrays: parameters with a standard error alone."""
+    known = [{**result.parameters, **result.beside} for result in read]
+    names = tuple(dict.fromkeys(name for parameters in known for name in parameters))
+    found = np.full((2, len(read), len(names)), np.nan)
+    units = [""] * len(names)
+    for k, parameters in enumerate(known):
+        for j, name in enumerate(names):
+            estimate = parameters.get(name)
+            if estimate is not None and estimate.value is not None and estimate.std_error:
+                found[:, k, j] = estimate.value, estimate.std_error
+                units[j] = units[j] or estimate.unit
+    return Estimates(names, tuple(units), places, found[0], found[1])
+
+
+def _followed(told: Estimates, kept: NDArray[np.bool_]) -> list[Trend]:
+    """Return the parameters that enough of the recordings kept, (R,), estimate, not yet judged."""
+    found = []
+    for j, (name, unit) in enumerate(zip(told.names, told.units, strict=True)):
+        known = np.isfinite(told.values[:, j])
+        use, out = known & kept, known & ~kept
+        if use.sum() >= LEAST:
+            series = series_of(name, unit, told.places[use], told.values[use, j], told.errors[use, j])
+            outside = np.stack([told.places[out], told.values[out, j], told.errors[out, j]], axis=1)
+            found.append(Trend(series, "steady", tuple(np.flatnonzero(use).tolist()), outside=outside))
+    return found
+
+
+def _named(
+    followed: list[Trend], apart: Sequence[StandsOut], recordings: int
+) -> tuple[tuple[Trend, ...], list[Family]]:
+    """Return parameters and kinds of them with their verdicts, over so many recordings that do not stand out."""
+    series = [item.series for item in followed]
     lines = [s.slope_p for s in series]
     steps = [s.step.p if s.step else 1.0 for s in series]
-    kinds = families(series, len(read))
-    named = _holm([*lines, *steps, *(kind.slope_p for kind in kinds)], FALSE_ALARMS)
+    kinds = families(series, recordings)
+    named = _holm([*lines, *steps, *(kind.slope_p for kind in kinds)], FALSE_ALARMS - APART)
     scattered = _holm([*(s.heterogeneity_p for s in series), *(kind.together_p for kind in kinds)], FALSE_ALARMS)
+    far = {item.name for recording in apart for item in recording.parameters}
     trends = []
-    for k, item in enumerate(series):
+    for k, item in enumerate(followed):
         line, step = named[k], named[len(series) + k]
-        word: Word = "steady"
+        word: Word = "disagrees" if scattered[k] or item.series.name in far else "steady"
         if line or step:
             word = "trend" if line and lines[k] <= steps[k] else "step"
-        elif scattered[k]:
-            word = "disagrees"
-        trends.append(Trend(item, word))
-    conditions = conditions_of(read)
+        trends.append(replace(item, word=word, scattered=scattered[k]))
     told = zip(kinds, named[2 * len(series) :], scattered[len(series) :], strict=True)
-    judged = tuple(_judged(kind, line, apart, conditions) for kind, line, apart in told)
-    return Trends(read[0].robot, tuple(r.file for r in read), tuple(trends), read[0].joints, axis, judged)
+    return tuple(trends), [replace(kind, word=_family_word(line, alike)) for kind, line, alike in told]
 
 
-def _judged(kind: Family, line: bool, apart: bool, conditions: Mapping[str, Array]) -> Family:
-    word: FamilyWord = "trend" if line else "together" if apart else "steady"
-    return replace(kind, word=word, explained=() if word == "steady" else explained(kind, conditions))
+def _family_word(line: bool, alike: bool) -> FamilyWord:
+    return "trend" if line else "together" if alike else "steady"
 
 
 def _holm(p: Sequence[float], level: float) -> list[bool]:

@@ -6,7 +6,13 @@ from math import isfinite
 from typing import Any
 
 from elid_cli.estimation.trend.trends import Trend, Trends
-from elid_cli.report.answers.summary import counted, signed_share
+from elid_cli.report.answers.summary import called, counted
+from elid_cli.report.answers.trend_apart import (
+    change_words,
+    standing_out_entries,
+    standing_out_table,
+    standing_out_words,
+)
 from elid_cli.report.answers.trend_families import family_entries, family_sentences
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 
@@ -21,12 +27,14 @@ WORDS = {
 def trend_report(found: Trends) -> Report:
     """Return the report on recordings."""
     together = family_sentences(found, "together")
-    answers = [("what has changed?", _changed(found)), ("what disagrees?", _disagreeing(found))]
-    if together:
-        answers.insert(1, ("what do joints share?", " ".join(together)))
+    answers = [
+        ("what stands out?", standing_out_words(found)), ("what has changed?", _changed(found)),
+        ("what do joints share?", " ".join(together)), ("what disagrees?", _disagreeing(found)),
+    ]  # fmt: skip
     sections: list[Section] = [
         Text("title", f"{found.robot} · {len(found.files)} recordings", "heading"),
-        KeyValues("answers", tuple(answers)),
+        KeyValues("answers", tuple((question, answer) for question, answer in answers if answer)),
+        *standing_out_table(found),
         _table(found),
     ]
     return Report("trend", trend_payload(found), tuple(sections))
@@ -38,14 +46,18 @@ def trend_payload(found: Trends) -> dict[str, Any]:
         "robot": found.robot,
         "files": found.files,
         "slope_per": found.axis,
-        "parameters": [_entry(item, found.files) for item in found.trends],
+        "stands_out": standing_out_entries(found),
+        "parameters": [_entry(item, found) for item in found.trends],
         "families": family_entries(found),
     }
 
 
-def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
-    s = item.series
-    step = None if s.step is None else {"after": files[s.step.after], "size": s.step.size, "p": s.step.p}
+def _entry(item: Trend, found: Trends) -> dict[str, Any]:
+    s, files = item.series, found.files
+    step = None
+    if s.step is not None:
+        step = {"after": files[item.number(s.step.after)], "size": s.step.size, "p": s.step.p}
+    far = [(abs(d.deviations), r.number) for r in found.stands_out for d in r.parameters if d.name == s.name]
     return {
         "name": s.name,
         "unit": s.unit,
@@ -57,7 +69,7 @@ def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
         "slope_interval": s.interval,
         "slope_p": s.slope_p,
         "step": step,
-        "stands_out": None if s.stands_out is None else files[s.stands_out],
+        "stands_out": files[max(far)[1]] if far else None,
         "verdict": item.word,
     }
 
@@ -81,24 +93,17 @@ def changed_by(item: Trend) -> str:
     s = item.series
     if item.word == "step" and s.step is not None:
         before = float(s.values[: s.step.after + 1].mean())
-        return f"by {_change(s.step.size, before, item)} at once after recording {s.step.after + 1}"
+        return f"by {change_words(s.step.size, before, s.unit)} at once after recording {item.number(s.step.after) + 1}"
     reach = float(s.place[-1] - s.place[0])
     first = s.mean - s.slope * float(s.place.mean() - s.place[0])
-    return f"by {_change(s.slope * reach, first, item)} from the first to the last"
-
-
-def _change(size: float, before: float, item: Trend) -> str:
-    """Return a change as a share of what was before; as it is where that was about nothing."""
-    if abs(before) > 0.1 * abs(size):
-        return signed_share(size / abs(before))
-    return f"{number_text(size, 2)} {item.series.unit}"
+    return f"by {change_words(s.slope * reach, first, s.unit)} from the first to the last"
 
 
 def _disagreeing(found: Trends) -> str:
-    apart = found.of("disagrees")
+    apart = [item for item in found.of("disagrees") if item.scattered]
     if not apart:
         return "No parameter scatters farther than errors, trends and steps explain."
-    names = counted([item.series.name for item in apart], ", ")
+    names = counted([called(item.series.name) for item in apart], ", ")
     return f"{names}: recordings differ by more than their errors say, and no trend explains it."
 
 

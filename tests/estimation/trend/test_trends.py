@@ -161,14 +161,17 @@ def test_a_step_a_disagreement_and_an_odd_recording_have_their_words() -> None:
     odd[7] = 0.2
     columns = {"jump": 1.0 + 0.1 * (np.arange(24) > 11) + noise[0], "apart": 1.0 + apart + noise[1],
                "still": 1.0 + noise[2], "odd": 1.0 + odd + noise[3]}  # fmt: skip
-    found = {item.series.name: item for item in trend(machine(columns, 0.01)).trends}
+    every = trend(machine(columns, 0.01))
+    found = {item.series.name: item for item in every.trends}
     assert {name: item.word for name, item in found.items()} == {
         "jump": "step", "apart": "disagrees", "still": "steady", "odd": "disagrees",
     }  # fmt: skip
     step = found["jump"].series.step
     assert step is not None
-    assert (step.after, step.size) == (11, pytest.approx(0.1, abs=0.015))
-    assert found["odd"].series.stands_out == 7
+    assert (found["jump"].number(step.after), step.size) == (11, pytest.approx(0.1, abs=0.015))
+    (far,) = every.stands_out
+    assert (far.number, [d.name for d in far.parameters]) == (7, ["odd"])
+    assert far.parameters[0].value - far.parameters[0].expected == pytest.approx(0.2, abs=0.03)
 
 
 def test_the_command_reads_results_and_logs_and_has_a_gate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -188,8 +191,10 @@ def test_the_command_reads_results_and_logs_and_has_a_gate(tmp_path: Path, capsy
     told = capsys.readouterr()
     assert "K1" in told.err
     assert main([*line, "--json"]) == 0
-    found = {item["name"]: item for item in json.loads(capsys.readouterr().out)["parameters"]}
-    assert found["K1"]["recordings"] == 13
+    every = json.loads(capsys.readouterr().out)
+    found = {item["name"]: item for item in every["parameters"]}
+    assert found["K1"]["recordings"] == 12  # the log's stiffness is that of the first result, far from the line
+    assert [far["file"] for far in every["stands_out"]] == [found["K1"]["stands_out"]] == [log]
     assert {"between_sessions", "within_session", "slope", "slope_interval"} <= set(found["K1"])
 
 

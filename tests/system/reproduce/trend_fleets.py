@@ -12,7 +12,7 @@ recording, and no trend. The table counts robots of which it is said that viscou
 between recordings (a line included), of which a line is named, and of which any change is named that is none.
 
 --quiet N: nothing but the share of N robots without and N with differing sessions on which a change is named that is
-none, with its 95 % interval. --first moves all seeds.
+none, or a recording that stands out, with its 95 % interval. --first moves all seeds.
 """
 
 from __future__ import annotations
@@ -99,6 +99,11 @@ def changed(found: Trends) -> list[str]:
     return alone + [family.kind for family in found.families if family.word == "trend"]
 
 
+def alarmed(found: Trends) -> bool:
+    """Whether ``--fail-on-trend`` fails: something is named as changed, or a recording stands out."""
+    return bool(changed(found) or found.stands_out)
+
+
 def viscous(found: Trends) -> Family:
     """Return the family of viscous friction."""
     return next(item for item in found.families if item.kind == "fv")
@@ -124,7 +129,7 @@ def quiet_robots(count: int, begin: int) -> None:
     for words, first, options in CASES:
         for recordings in (12, 30) if options.get("fall") == STILL else ():
             seeds = range(first + begin, first + begin + count)
-            wrong = sum(bool(changed(robot(seed, recordings=recordings, **options))) for seed in seeds)
+            wrong = sum(alarmed(robot(seed, recordings=recordings, **options)) for seed in seeds)
             low, high = binomtest(wrong, count).proportion_ci(method="exact")
             print(f"{words:38} {recordings:10} recordings: {wrong} of {count}, {100 * wrong / count:.2f} % "
                   f"({100 * low:.2f} to {100 * high:.2f})", flush=True)  # fmt: skip
@@ -133,7 +138,7 @@ def quiet_robots(count: int, begin: int) -> None:
 def everything(count: int, begin: int) -> None:
     """Print all shares but those of `quiet_robots`."""
     found = sum(fleet(begin + seed, 60, WEAR).trends[0].word in ("trend", "step") for seed in range(count))
-    quiet = sum(bool(changed(fleet(begin + 10_000 + seed, 100))) for seed in range(count))
+    quiet = sum(alarmed(fleet(begin + 10_000 + seed, 100)) for seed in range(count))
     print(f"wear of 3 % per 100 recordings named by recording 60: {found} of {count}")
     print(f"quiet machines of {PARAMETERS} parameters and 100 recordings with a change named: {quiet} of {count}")
     many = 5 * count

@@ -41,6 +41,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
             "parameters": [_drawn(item, 0.0 if hours else 1.0) for item in ordered],
         }
         caption = "Estimate of every recording with its 95 % interval; dashed: the line or the step that was found."
+        if told.trends.stands_out:
+            caption += " Crosses: recordings that stand out, which the rest is without."
         yield Figure(f"trend_{joint}", f"{joint}: parameters over recordings", "trended", data, caption)
 
 
@@ -53,11 +55,14 @@ def _drawn(item: Trend, begin: float) -> dict[str, object]:
         first = np.arange(len(s.values)) <= s.step.after
         line = np.where(first, s.values[first].mean(), s.values[~first].mean())
     return {"name": s.name, "unit": s.unit, "place": s.place + begin, "values": s.values, "errors": s.errors,
-            "line": line, "changed": item.word != "steady"}  # fmt: skip
+            "line": line, "outside": item.outside[:, :2] + [begin, 0.0], "changed": item.word != "steady"}  # fmt: skip
 
 
 def draw(figure: Figure) -> Drawing:
-    """Draw ``parameters``: ``place``, ``values``, ``errors`` and ``line`` (R,) each, with ``name`` and ``unit``."""
+    """Draw ``parameters``: ``place``, ``values``, ``errors`` and ``line`` (R,) each, with ``name`` and ``unit``.
+
+    ``outside``: places and values of recordings that stand out, (K, 2).
+    """
     parameters = figure.data["parameters"]
     panels = []
     for number, item in enumerate(parameters):
@@ -68,10 +73,14 @@ def draw(figure: Figure) -> Drawing:
             Dots(x, y, "orange" if item["changed"] else "blue", "o", 5.0 if len(x) <= FEW else 3.0),
             Line(x, item["line"], "ink", "5 2", 1.1),
         ]
+        apart = item["outside"]
+        if len(apart):
+            marks.append(Dots(apart[:, 0], apart[:, 1], "orange", "x", 6.0))
         if np.any(y - reach < 0) and np.any(y + reach > 0):
             marks.append(Rule(y=0.0, color="pale"))
         margin = EDGE * max(float(np.ptp(x)), 1.0)
-        sides = float(x.min()) - margin, float(x.max()) + margin
+        every = np.concatenate([x, apart[:, 0]])
+        sides = float(every.min()) - margin, float(every.max()) + margin
         name = item["name"] if len(item["name"]) <= LONGEST else item["name"][: LONGEST - 1] + "…"
         panels.append(Panel(marks, name, figure.data["axis"] if last else "", item["unit"], xlim=sides, height=120))
     return Drawing(panels, wide=max(len(item["place"]) for item in parameters) > FEW)
