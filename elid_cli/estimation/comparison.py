@@ -53,6 +53,10 @@ class SavedResult:
     """What was corrected or found beside the base parameters: ``torque_offset of joint1: offset``."""
     temperature: float | None = None
     """Mean over the log and over joints, °C; None where it was not logged."""
+    logs: tuple[str, ...] = ()
+    """SHA-256 of its logs."""
+    warnings: tuple[str, ...] = ()
+    """What was warned of its logs and its estimates."""
 
 
 Result = SavedResult | Shown | str | Path
@@ -143,9 +147,17 @@ def result_of(data: Mapping[str, Any], path: str) -> SavedResult:
         raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
     joints = tuple(str(name) for name in data.get("joints", ()))
     beside = {**_beside(data), **_armatures(data, joints, parameters)}
+    log = data.get("log")
+    told = log if isinstance(log, dict) else {}
     return SavedResult(
-        path, str(data.get("robot", "")), parameters, _relative(error), joints, beside, _temperature(data)
-    )
+        path, str(data.get("robot", "")), parameters, _relative(error), joints, beside, _temperature(data),
+        _texts(told.get("sha256")), (*_texts(told.get("warnings")), *_texts(data.get("warnings"))),
+    )  # fmt: skip
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    """Return the texts of a list; nothing of anything else."""
+    return tuple(item for item in value if isinstance(item, str)) if isinstance(value, list | tuple) else ()
 
 
 def _beside(data: Mapping[str, Any]) -> dict[str, Estimate]:

@@ -45,7 +45,7 @@ LINES = {
         "excite --robot planar2 --duration 3 -o try.csv --resolve open.json",
     ],
     "compare": ["compare first.json second.json"],
-    "trend": ["trend first.json second.json first.json"],
+    "trend": ["trend first.json second.json open.json"],
     "sample": ["sample first.json second.json -n 3", "sample first.json -n 3 --robot planar2 -o sets --ranges r.yaml"],
     "effects": ["effects", "effects stribeck"],
 }

@@ -89,9 +89,10 @@ def every_kind(report: Report, planar: Robot, found: Identification) -> dict[str
     log = simulate(planar, SimulationOptions(duration=3.0, rate=250.0))
     results = [SavedResult(f, "planar2", {"K1": Estimate(v, 1.0, "N·m/rad")}, {"joint1": v / 1e6})
                for f, v in (("a.json", 3000.0), ("b.json", 3010.0))]  # fmt: skip
+    third = replace(results[0], parameters={"K1": Estimate(3005.0, 1.0, "N·m/rad")})
     others = (*figures_of(FigureInput(excitation=trajectory)), *log_figures(log, planar),
               *comparison_figures(compare(results)),
-              *trend_figures(trend([*results, *results])), *sampling_figures(sample([found], 20)),
+              *trend_figures(trend([*results, third])), *sampling_figures(sample([found], 20)),
               *replay_figures(replay(planar, log)), EFFECT, RESPONSE)  # fmt: skip
     return {figure.kind: figure for figure in (*others, *report.figures)}
 

@@ -109,6 +109,21 @@ def saved(log: str, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 @pytest.fixture(scope="module")
+def months(saved: list[str], tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Return three different results of one machine; the first is that of the log."""
+    folder = tmp_path_factory.mktemp("months")
+    found = [saved[0]]
+    for k in (1, 2):
+        values = json.loads(Path(saved[0]).read_text("utf-8"))
+        for entry in values["base_parameters"]:
+            if entry["estimate"] is not None:
+                entry["estimate"] += (-0.5) ** k * entry["std_error"]
+        found.append(str(folder / f"{k}.json"))
+        Path(found[-1]).write_text(json.dumps(values), "utf-8")
+    return found
+
+
+@pytest.fixture(scope="module")
 def comparison(saved: list[str]) -> Comparison:
     (found,) = compare([read_result(path) for path in saved])
     return found
@@ -155,13 +170,14 @@ def results(
     base: BaseParameters,
     motion_diagnosis: MotionDiagnosis,
     resolution: Resolution,
+    months: list[str],
 ) -> dict[str, Shown]:
     """Return one result of every kind that shows itself."""
     found: list[Shown] = [
         recording, identification, diagnosis, comparison, excitation, base, inspect_log(log),
         make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)), motion_diagnosis,
         replay(ROBOT, recording, ReplayOptions(horizon=0.2)), sample([identification], 50, seed=3),
-        trend([identification] * 3), resolution, compare([identification] * 3),
+        trend([identification, *months[1:]]), resolution, compare([identification] * 3),
     ]  # fmt: skip
     return {type(result).__name__: result for result in found}
 
@@ -315,7 +331,7 @@ def test_dataclasses_with_arrays_do_not_print_them() -> None:
 
 
 def test_sets_and_trends_of_results_are_those_of_the_files_saved(
-    saved: list[str], identification: Identification, results: dict[str, Shown]
+    saved: list[str], months: list[str], identification: Identification, results: dict[str, Shown]
 ) -> None:
     first = saved[0]
     drawn = results["ParameterSets"]
@@ -326,11 +342,12 @@ def test_sets_and_trends_of_results_are_those_of_the_files_saved(
     printed = elid("sample", first, "-n", "50", "--seed", "3")
     assert printed["parameters"] == drawn.to_dict()["parameters"]
     assert printed["samples"] == drawn.to_dict()["samples"]
-    over = trend([first, identification, read_result(first)])
+    over = trend([months[1], identification, read_result(months[2])])
     assert isinstance(over, Trends)
-    assert over.files == (first, "result 2", first)
-    printed = elid("trend", first, first, first)
-    assert printed["parameters"] == trend([first] * 3).to_dict()["parameters"]
+    assert over.files == (months[1], "result 2", months[2])
+    assert trend([*months, identification]).files == tuple(months)
+    printed = elid("trend", *months)
+    assert printed["parameters"] == trend(months).to_dict()["parameters"]
     assert len(over.to_frame()) == len(printed["parameters"])
     (same,) = compare([first, identification])
     assert same.moved(0.0) == ()

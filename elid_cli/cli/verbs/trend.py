@@ -47,7 +47,7 @@ def trend(
     """  # noqa: D205
     from pathlib import Path
 
-    from elid_cli.cli.output import LimitError, emit, illustrated
+    from elid_cli.cli.output import LimitError, emit, illustrated, note
     from elid_cli.cli.progress import progress
     from elid_cli.errors import UsageError
 
@@ -73,11 +73,33 @@ def trend(
         hours = [Path(name).stat().st_mtime / 3600.0 for name in recordings] if by == "time" else None
         places = None if hours is None else [value - min(hours) for value in hours]
         found = over_recordings(results, places, "recording" if hours is None else "hour")
-        report = trend_report(found)
+        unused = _unused(len(recordings) - len(logs), len(logs))
+        report = trend_report(found, unused)
         report = illustrated(report, output, lambda build: build.trend_figures(found))
+    note((*unused, *found.warnings), output, "warning")
     emit(report, output)
     if fail_on_trend and (broken := _broken(found)):
         raise LimitError("; ".join(broken))
+
+
+def _unused(results: int, logs: int) -> list[str]:
+    """Return a sentence on options of the command line that only logs use, where some recordings are results."""
+    from click.core import ParameterSource
+
+    from elid_cli.errors import in_words
+
+    context = click.get_current_context()
+    given = [
+        max(param.opts, key=len)
+        for param in context.command.params
+        if getattr(param, "heading", "") in (options.INPUT, options.SIGNALS) and param.name != "by"
+        and context.get_parameter_source(str(param.name)) is ParameterSource.COMMANDLINE
+    ]  # fmt: skip
+    if not results or not given or (logs and given == ["--robot"]):
+        return []
+    use = "is" if len(given) == 1 else "are"
+    them = f"for {results} of the {results + logs} recordings: they" if logs else "here: all recordings"
+    return [f"{in_words(given)} {use} not used {them} are results, which were identified before"]
 
 
 def _broken(found: Trends) -> list[str]:

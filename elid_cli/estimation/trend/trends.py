@@ -14,6 +14,7 @@ from elid_cli.estimation.comparison import Result, SavedResult, as_saved
 from elid_cli.estimation.trend.apart import Estimates, StandsOut, standing_out
 from elid_cli.estimation.trend.conditions import conditions_of
 from elid_cli.estimation.trend.families import LEADER, Family, FamilyWord, explained, families
+from elid_cli.estimation.trend.given import distinct, warnings_of
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS
 from elid_cli.tables import Shown
@@ -63,6 +64,8 @@ class Trends(Shown):
     """Kinds of parameters that enough joints have."""
     stands_out: tuple[StandsOut, ...] = ()
     """Recordings that are far from all others, and left out of everything else."""
+    warnings: tuple[str, ...] = ()
+    """What results warn of, with their files; which are the same result, or of the same log."""
 
     def joint_of(self, item: Trend) -> str:
         """Return the joint of a parameter: that of a sum's leading term, or the one that its name ends in."""
@@ -78,11 +81,16 @@ class Trends(Shown):
         return tuple(item for item in self.trends if item.word in words)
 
 
-def _order(places: Sequence[float], count: int) -> list[int]:
-    """Return the order of so many results by their places."""
+def _checked(places: Sequence[float], count: int) -> Array:
+    """Return the places of so many results, (R,); refuse others."""
     at = np.asarray(places, dtype=float)
     if at.shape != (count,) or not np.isfinite(at).all():
         raise UsageError(f"trend: places: {at.size} for {count} results", hint="one finite number per result")
+    return at
+
+
+def _order(at: Array) -> list[int]:
+    """Return the order of results by their places."""
     if np.ptp(at) == 0:
         raise UsageError(
             "trend: all recordings have the same time", hint="give them in their order, without --by time (places=)"
@@ -103,7 +111,8 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     Parameters
     ----------
     results
-        One per recording, in order: files saved with ``--json``, or what `identify` returns.
+        One per recording, in order: files saved with ``--json``, or what `identify` returns. The same result given
+        again is counted once.
     places
         Place of every recording on the axis of the slopes, such as hours, by which they are put in order; default its
         number.
@@ -113,17 +122,22 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     Raises
     ------
     UsageError
-        Fewer than three results, of different robots, or no parameter in three of them; places that are not one number
-        per result, or all the same.
+        Fewer than three different results, of different robots, or no parameter in three of them; places that are not
+        one number per result, or all the same.
     """
-    read = as_saved(results)
+    every = as_saved(results)
+    read, again = every, list[str]()
+    if len(every) >= LEAST:
+        numbers, again = distinct(every)
+        places = None if places is None else _checked(places, len(every))[numbers].tolist()
+        read = [every[k] for k in numbers]
     if places is not None and len(read) >= LEAST:
-        order = _order(places, len(read))
+        order = _order(np.asarray(places, dtype=float))
         read, places = [read[k] for k in order], np.asarray(places, dtype=float)[order].tolist()
     if len(read) < LEAST:
         given = "1 recording is" if len(read) == 1 else f"{len(read)} recordings are"
         hint = " ".join(["elid compare", *(r.file for r in read)]) if len(read) > 1 else ""
-        raise UsageError(f"trend: {given} given, at least {LEAST} are needed", hint=hint)
+        raise UsageError(f"trend: {given} given, at least {LEAST} are needed", detail="; ".join(again), hint=hint)
     robots = list(dict.fromkeys(result.robot for result in read))
     if len(robots) > 1:
         raise UsageError(f"trend: results of different robots: {', '.join(robots[:4])}")
@@ -139,7 +153,8 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     conditions = conditions_of([result for result, keep in zip(read, kept, strict=True) if keep])
     judged = tuple(replace(kind, explained=explained(kind, conditions)) if kind.word != "steady" else kind
                    for kind in kinds)  # fmt: skip
-    return Trends(read[0].robot, tuple(r.file for r in read), trends, read[0].joints, axis, judged, apart)
+    return Trends(read[0].robot, tuple(r.file for r in read), trends, read[0].joints, axis, judged, apart,
+                  (*again, *warnings_of(read)))  # fmt: skip
 
 
 def _estimates(read: Sequence[SavedResult], places: Array) -> Estimates:

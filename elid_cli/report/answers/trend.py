@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
@@ -24,8 +25,9 @@ WORDS = {
 }
 
 
-def trend_report(found: Trends) -> Report:
-    """Return the report on recordings."""
+def trend_report(found: Trends, remarks: Sequence[str] = ()) -> Report:
+    """Return the report on recordings; `remarks` of the command line stand before the warnings of results."""
+    warnings = (*remarks, *found.warnings)
     together = family_sentences(found, "together")
     answers = [
         ("what stands out?", standing_out_words(found)), ("what has changed?", _changed(found)),
@@ -34,14 +36,15 @@ def trend_report(found: Trends) -> Report:
     sections: list[Section] = [
         Text("title", f"{found.robot} · {len(found.files)} recordings", "heading"),
         KeyValues("answers", tuple((question, answer) for question, answer in answers if answer)),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(warnings)),
         *standing_out_table(found),
         _table(found),
     ]
-    return Report("trend", trend_payload(found), tuple(sections))
+    return Report("trend", trend_payload(found, warnings), tuple(sections))
 
 
-def trend_payload(found: Trends) -> dict[str, Any]:
-    """Return the JSON object of a trend."""
+def trend_payload(found: Trends, warnings: Sequence[str]) -> dict[str, Any]:
+    """Return the JSON object of a trend with what is warned of."""
     return {
         "robot": found.robot,
         "files": found.files,
@@ -49,6 +52,7 @@ def trend_payload(found: Trends) -> dict[str, Any]:
         "stands_out": standing_out_entries(found),
         "parameters": [_entry(item, found) for item in found.trends],
         "families": family_entries(found),
+        "warnings": warnings,
     }
 
 

@@ -1,0 +1,63 @@
+"""`elid trend` on saved results: what was given, what they warn of, and how it reads."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[str]:
+    """Return five results of a machine; the last two warn of the same, and the last is of the same log as the first."""
+    rng = np.random.default_rng(1)
+    found = []
+    for k in range(5):
+        entries = [{"name": name, "unit": "N·m", "estimate": 1.0 + 0.01 * rng.standard_normal(), "std_error": 0.01}
+                   for name in ("K1", "m2 - 4.93827*Izz2 + 6.92521*Izz3")]  # fmt: skip
+        saved: dict[str, Any] = {"schema": "elid/1", "command": "identify", "robot": "arm", "joints": ["a", "b"],
+                                 "base_parameters": entries, "log": {"sha256": [f"{k % 4}"]}}  # fmt: skip
+        if k > 2:
+            saved["warnings"] = ["a: its noise is estimated too large"]
+        found.append(str(tmp_path / f"{k}.json"))
+        Path(found[-1]).write_text(json.dumps(saved))
+    return found
+
+
+def warnings(line: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
+    assert main(["trend", *line, "--json"]) == 0
+    out, err = capsys.readouterr()
+    told: list[str] = json.loads(out)["warnings"]
+    assert all(f"warning: {line}\n" in err for line in told)
+    return told
+
+
+def test_what_results_warn_of_is_told_with_their_files(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert warnings(files[:3], capsys) == []
+    assert warnings(files, capsys) == [
+        f"{files[0]} and {files[4]} are of the same log, but count as different recordings",
+        f"{files[3]} and {files[4]}: a: its noise is estimated too large",
+    ]
+
+
+def test_the_same_result_counts_once(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    copy = Path(files[0]).with_name("copy.json")
+    copy.write_bytes(Path(files[0]).read_bytes())
+    line = [*files[:3], files[0], str(copy)]
+    assert warnings(line, capsys) == [f"{files[0]} is given 2 times and the same result as {copy}: counted once"]
+    assert main(["trend", files[0], files[0], files[0]]) == 2
+    err = capsys.readouterr().err
+    assert "1 recording is given, at least 3 are needed" in err
+    assert "is given 3 times: counted once" in err
+
+
+def test_options_of_logs_are_not_passed_over(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--lock", "a=0", "--cutoff", "20", "--by", "order"]
+    assert warnings([*files[:3], *given], capsys) == [
+        "--lock and --cutoff are not used here: all recordings are results, which were identified before"
+    ]
