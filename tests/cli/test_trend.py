@@ -29,6 +29,19 @@ def files(tmp_path: Path) -> list[str]:
     return found
 
 
+def test_a_parameter_is_one_line_of_80_columns(
+    files: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["trend", *files[:3]]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    start = lines.index("steady: 2 of 2 parameters")
+    assert lines[start + 1].split()[:4] == ["base", "parameter", "mean", "unit"]
+    assert [line.split("  ")[1] for line in lines[start + 2 : start + 4]] == ["K1", "m2 with 2 others"]
+    assert lines[start + 4].startswith("  within: standard error of one recording")
+
+
 def warnings(line: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
     assert main(["trend", *line, "--json"]) == 0
     out, err = capsys.readouterr()

@@ -197,7 +197,7 @@ WORDS = {
     "Recording": ["at 500 Hz, 2 joints", "log.h5"],
     "Replay": ["simulated minus measured position", "joint2"],
     "Resolution": ["encoder_skew", "link_viscous"],
-    "Trends": ["planar2 · 3 recordings", "slope per", "fv1"],
+    "Trends": ["planar2 · 3 recordings", "slope: per", "fv1"],
     "Validation": ["torque rms", "joint1", "N·m"],
 }
 

@@ -15,7 +15,19 @@ from elid_cli.report.answers.trend_apart import (
     standing_out_words,
 )
 from elid_cli.report.answers.trend_families import family_entries, family_sentences
-from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.report.tree import (
+    Cell,
+    Column,
+    Folded,
+    KeyValues,
+    Quantity,
+    Report,
+    Section,
+    Table,
+    Text,
+    Tone,
+    number_text,
+)
 
 WORDS = {
     "trend": "changes steadily",
@@ -38,7 +50,7 @@ def trend_report(found: Trends, remarks: Sequence[str] = ()) -> Report:
         KeyValues("answers", tuple((question, answer) for question, answer in answers if answer)),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(warnings)),
         *standing_out_table(found),
-        _table(found),
+        *_tables(found),
     ]
     return Report("trend", trend_payload(found, warnings), tuple(sections))
 
@@ -111,24 +123,41 @@ def _disagreeing(found: Trends) -> str:
     return f"{names}: recordings differ by more than their errors say, and no trend explains it."
 
 
-def _table(found: Trends) -> Table:
+def _tables(found: Trends) -> list[Section]:
+    """Return a table of the parameters of every verdict; without a column for it, rows fit into 80 columns."""
     columns = (
         Column("name", "base parameter", span=True),
-        *Column.numbers(
-            mean="mean", within="± within", between="± between", slope=f"slope per {found.axis}", reach="± 95 %"
-        ),
-        *Column.texts(unit="unit", word="verdict"),
+        *Column.numbers(mean="mean"),
+        *Column.texts(unit="unit"),
+        *Column.numbers(within="within", between="between", slope="slope", reach="± 95 %"),
     )
-    order = sorted(found.trends, key=lambda item: list(WORDS).index(item.word))
-    rows: list[tuple[Cell, ...]] = []
-    for item in order:
-        s = item.series
-        reach = (s.interval[1] - s.interval[0]) / 2
-        tone = "plain" if item.word == "steady" else "warn"
-        rows.append((
-            s.name, Quantity(s.mean, resolution=s.within), Quantity(s.within, digits=2), Quantity(s.between, digits=2),
-            Quantity(s.slope, digits=2), number_text(reach, 2) if isfinite(reach) else "–", s.unit,
-            Mark(WORDS[item.word], "warn") if tone == "warn" else WORDS[item.word],
-        ))  # fmt: skip
-    note = "within: standard error of one recording; between: spread of recordings beyond that"
-    return Table("parameters", columns, tuple(rows), title="parameters over recordings", shown=20, note=note)
+    note = (
+        f"within: standard error of one recording; between: spread of recordings beyond that; slope: per {found.axis}, "
+        "with the half width of its 95 % interval"
+    )
+    tables: list[Section] = []
+    groups = {word: [item for item in found.trends if _of_others(item) == word] for word in WORDS}
+    present = [word for word, items in groups.items() if items]
+    for word in present:
+        rows = tuple(_row(item) for item in groups[word])
+        title = f"{WORDS[word]}: {len(rows)} of {len(found.trends)} parameters"
+        tables.append(
+            Table(f"parameters_{word}", columns, rows, title, shown=20, note=note if word == present[-1] else "")
+        )
+    return tables
+
+
+def _of_others(item: Trend) -> str:
+    """Return the verdict without recordings that stand out, which have a table of their own."""
+    return "steady" if item.word == "disagrees" and not item.scattered else item.word
+
+
+def _row(item: Trend) -> tuple[Cell, ...]:
+    s = item.series
+    reach = (s.interval[1] - s.interval[0]) / 2
+    tone: Tone = "plain" if _of_others(item) == "steady" else "warn"
+    return (
+        Folded(s.name, called(s.name)), Quantity(s.mean, resolution=s.within), s.unit, Quantity(s.within, digits=2),
+        Quantity(s.between, digits=2), Quantity(s.slope, digits=2, tone=tone),
+        number_text(reach, 2) if isfinite(reach) else "–",
+    )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 from elid_cli.estimation.trend.apart import StandsOut
 from elid_cli.estimation.trend.trends import Trends
 from elid_cli.report.answers.summary import called, listed, signed_share
-from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, number_text, picked
+from elid_cli.report.tree import Cell, Column, Folded, Quantity, Section, Table, number_text, picked
 
 NAMED = 3
 """Parameters of a recording that a sentence names."""
@@ -75,7 +75,14 @@ def standing_out_table(found: Trends) -> list[Section]:
     tables: list[Section] = []
     for item in found.stands_out:
         rows: list[tuple[Cell, ...]] = [
-            (d.name, Quantity(d.value), Quantity(d.expected), _by(item, k), Quantity(d.deviations, digits=2), d.unit)
+            (
+                Folded(d.name, called(d.name)),
+                Quantity(d.value),
+                Quantity(d.expected),
+                _by(item, k),
+                Quantity(d.deviations, digits=2),
+                d.unit,
+            )
             for k, d in enumerate(item.parameters)
         ]
         title = f"{found.files[item.number]}: where it stands out"
