@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, in_words
+from elid_cli.estimation.same_joints import comparable
+from elid_cli.estimation.saved_numbers import AGAIN, check_numbers, number_of
 from elid_cli.files import read_text
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
@@ -23,11 +24,8 @@ from elid_cli.tables import Shown
 
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""
-LARGEST_NUMBER = 1e300
-"""A larger number in a saved result is broken."""
-SHOWN = 24
-"""Characters of a value that a message shows."""
-AGAIN = "elid identify LOG --robot ROBOT --json > RESULT.json"
+JOINTS = 6
+"""Joints that a message names."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +91,18 @@ class Comparison(Shown):
     """Base parameters that both have, in the first's order."""
     unshared: tuple[str, ...]
     """Base parameters that only one of them has."""
+    left_out: tuple[str, ...] = ()
+    """Base parameters that both have of joints that are not the same: by their names, or the units of parameters."""
 
     @property
     def refused(self) -> tuple[str, ...]:
         """Base parameters that both have and one of them gives no estimate of: nobody knows whether they moved."""
         return tuple(change.name for change in self.changes if math.isnan(change.deviations))
+
+    @property
+    def same(self) -> bool:
+        """Whether both are the same result, to the last digit."""
+        return same_estimates(self.first, self.other)
 
     def moved(self, sigmas: float) -> tuple[Change, ...]:
         """Return the parameters that moved by more than `sigmas` standard deviations."""
@@ -173,7 +178,7 @@ def _beside(data: Mapping[str, Any]) -> dict[str, Estimate]:
         values, errors = item.get("parameters") or {}, item.get("std_error") or {}
         units = {p.name: p.unit for p in library[effect].amplitudes}
         for name in units:
-            value, error = _number(values.get(name)), _number(errors.get(name))
+            value, error = number_of(values.get(name)), number_of(errors.get(name))
             if value is not None and error:
                 of = f" of {joint}" if joint else ""
                 found[f"{effect}{of}: {name}"] = Estimate(value, error, units[name])
@@ -191,7 +196,7 @@ def _armatures(data: Mapping[str, Any], joints: Sequence[str], parameters: Mappi
         told = drive.get("Ja") if isinstance(drive, dict) else None
         name = StandardParameter("Ja", number)
         if isinstance(told, dict) and name not in parameters:
-            value, error = _number(told.get("estimate")), _number(told.get("std_error"))
+            value, error = number_of(told.get("estimate")), number_of(told.get("std_error"))
             found[name] = Estimate(value, error, "kg·m²")
     return found
 
@@ -199,7 +204,7 @@ def _armatures(data: Mapping[str, Any], joints: Sequence[str], parameters: Mappi
 def _temperature(data: Mapping[str, Any]) -> float | None:
     log = data.get("log")
     told = log.get("temperature") if isinstance(log, dict) else None
-    values = [v for value in told.values() if (v := _number(value)) is not None] if isinstance(told, dict) else []
+    values = [v for value in told.values() if (v := number_of(value)) is not None] if isinstance(told, dict) else []
     return math.fsum(values) / len(values) if values else None
 
 
@@ -223,6 +228,11 @@ def saved_object(path: str | Path) -> Mapping[str, Any]:
     return data
 
 
+def same_estimates(one: SavedResult, other: SavedResult) -> bool:
+    """Whether two results hold the same estimates."""
+    return one.parameters == other.parameters and one.beside == other.beside
+
+
 class Comparisons(tuple[Comparison, ...], Shown):
     """Results compared with the first one: a tuple that prints as the tables of ``elid compare``."""
 
@@ -241,7 +251,8 @@ def compare(results: Sequence[Result]) -> Comparisons:
     Raises
     ------
     UsageError
-        Fewer than two results, or two without a base parameter that both estimate.
+        Fewer than two results, or two without a base parameter that both estimate, or of robots without a common
+        joint.
     """
     if len(results) < 2:
         raise UsageError("compare: one result given, at least two are needed", hint="elid compare A.json B.json")
@@ -256,11 +267,19 @@ def _compare(first: SavedResult, other: SavedResult) -> Comparison:
             f"{other.file}: shares no base parameter with {first.file}",
             detail=f"they are of {other.robot} and {first.robot}",
         )
+    units = tuple({name: e.unit for name, e in result.parameters.items()} for result in (first, other))
+    alike = comparable((first.joints, other.joints), (units[0], units[1]))
+    if not alike:
+        raise UsageError(
+            f"{other.file}: of another robot than {first.file}",
+            detail=f"no joint of {in_words(other.joints, JOINTS)} is one of {in_words(first.joints, JOINTS)}",
+        )
     changes = tuple(
-        Change(name, first.parameters[name].unit, first.parameters[name], other.parameters[name]) for name in shared
+        Change(name, first.parameters[name].unit, first.parameters[name], other.parameters[name]) for name in alike
     )
     every = (*first.parameters, *other.parameters)
-    found = Comparison(first, other, changes, tuple(dict.fromkeys(name for name in every if name not in shared)))
+    alone = tuple(dict.fromkeys(name for name in every if name not in shared))
+    found = Comparison(first, other, changes, alone, tuple(name for name in shared if name not in alike))
     if len(found.refused) == len(changes):
         what = f"{other.file}: no base parameter that it and {first.file} both estimate"
         raise UsageError(what, detail=f"not shown by one of the logs: {', '.join(found.refused[:6])}")
@@ -275,65 +294,11 @@ def _parameters(entries: Any, where: str) -> dict[str, Estimate]:
 
 
 def _estimate(entry: Mapping[str, Any]) -> Estimate:
-    return Estimate(_number(entry.get("estimate")), _number(entry.get("std_error")), str(entry.get("unit", "")))
+    return Estimate(number_of(entry.get("estimate")), number_of(entry.get("std_error")), str(entry.get("unit", "")))
 
 
 def _relative(error: Any) -> dict[str, float]:
     if not isinstance(error, dict):
         return {}
-    found = {str(j): _number(e.get("relative")) for j, e in error.items() if isinstance(e, dict)}
+    found = {str(j): number_of(e.get("relative")) for j, e in error.items() if isinstance(e, dict)}
     return {joint: value for joint, value in found.items() if value is not None}
-
-
-def _number(value: Any) -> float | None:
-    """Return a number; None for anything else, and for an integer of hundreds of digits."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return None
-    return float(value) if abs(value) < LARGEST_NUMBER else None
-
-
-def check_numbers(data: Mapping[str, Any], where: str) -> None:
-    """Refuse a saved result, called `where`, with a number that no command of elid writes.
-
-    Raises
-    ------
-    UsageError
-        A number is not finite or larger than `LARGEST_NUMBER`, an estimate is no number, or a standard error is
-        negative; its key is named.
-    """
-    broken = next(chain(_too_large(data), _no_numbers(data.get("base_parameters"))), None)
-    if broken is not None:
-        key, value = broken
-        detail = "expected a finite number" + (", zero or more" if key.endswith("std_error") else "")
-        raise UsageError(f"{where}: {key} cannot be used: {_shown(value)}", detail=detail, hint=AGAIN)
-
-
-def _no_numbers(entries: Any) -> Iterator[tuple[str, Any]]:
-    """Yield (key, value) of estimates and standard errors that are neither null nor numbers, or negative errors."""
-    for k, entry in enumerate(entries if isinstance(entries, list) else ()):
-        for name in ("estimate", "std_error") if isinstance(entry, dict) else ():
-            value = entry.get(name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if value is not None and (not number or (name == "std_error" and value < 0)):
-                yield f"base_parameters[{k}].{name}", value
-
-
-def _shown(value: Any) -> str:
-    text = json.dumps(value)
-    digits = text.lstrip("-")
-    if len(text) > SHOWN and digits.isdigit():
-        return f"a whole number of {len(digits)} digits"
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
-
-
-def _too_large(data: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield (key, number) of what arithmetic cannot use, at any depth: ``base_parameters[3].estimate``."""
-    open_: list[tuple[str, Any]] = [("", data)]
-    while open_:
-        key, value = open_.pop()
-        if isinstance(value, Mapping):
-            open_ += [(f"{key}.{name}" if key else str(name), part) for name, part in reversed(list(value.items()))]
-        elif isinstance(value, list):
-            open_ += [(f"{key}[{k}]", value[k]) for k in reversed(range(len(value)))]
-        elif isinstance(value, int | float) and not abs(value) < LARGEST_NUMBER:
-            yield key, value

@@ -43,7 +43,7 @@ def test_what_moved_is_named(elid, folder: Path) -> None:
     done = elid("compare", "a.json", "same.json", "worn.json", "--fail-on-change", cwd=folder)
     assert done.returncode == 1
     assert done.stderr == "error: worn.json: 1 parameter moved\n"
-    against = "result 2 against result 1, 1 not shown by one of them"
+    against = "result 2 against result 1, 1 not shown by either"
     assert f"{against}: none of 3 base parameters moved" in " ".join(done.stdout.split())  # a terminal wraps it
     row = next(line.split() for line in done.stdout.splitlines() if line.startswith("  K1"))
     assert row == ["K1", "3000", "2500", "-17", "%", "-13", "N·m"]  # 500/hypot(30, 25) = 12.8
@@ -130,3 +130,47 @@ def test_doubts_are_printed_as_warnings(elid, folder: Path) -> None:
     assert "worse.json is of planar3 and a.json of planar2" in said
     assert "joint1: the torque is predicted 10 times as badly in worse.json" in said
     assert "is of" not in elid("compare", "a.json", "same.json", cwd=folder).stdout
+
+
+def robot_of(*joints: str, sliding: int = 0) -> dict[str, Any]:
+    """Return a result with joints of these names; joint `sliding` is a prismatic one."""
+    entries = [
+        {"name": f"{kind}{k}", "unit": f"N·m{per}" if k != sliding else f"N{per}", "estimate": 2.0, "std_error": 0.01}
+        for kind, per in (("fs", ""), ("K", "/rad")) for k in range(1, len(joints) + 1)
+    ]  # fmt: skip
+    entries.append({"name": "m2 - 4*Izz3", "unit": "kg", "estimate": 1.0, "std_error": 0.01})
+    return {"schema": "elid/1", "command": "identify", "robot": "arm", "joints": joints, "base_parameters": entries}
+
+
+def test_only_the_same_joints_are_compared(elid, tmp_path: Path) -> None:
+    saved = {
+        "arm.json": robot_of("base", "shoulder", "elbow"), "scara.json": robot_of("j1", "j2", "z", sliding=3),
+        "lift.json": robot_of("base", "shoulder", "elbow", sliding=3),
+        "hand.json": robot_of("base", "shoulder", "w", "v"),
+        "right.json": robot_of("r_base", "r_shoulder", "r_elbow"),
+    }  # fmt: skip
+    for name, data in saved.items():
+        (tmp_path / name).write_text(json.dumps(data))
+    refused = elid("compare", "arm.json", "scara.json", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "scara.json: of another robot than arm.json" in refused.stderr
+    assert "no joint of j1, j2 and z is one of base, shoulder and elbow" in refused.stderr
+    for other, joint in (("lift.json", "elbow"), ("hand.json", "elbow and w")):
+        (found,) = json.loads(elid("compare", "arm.json", other, "--json", cwd=tmp_path).stdout)["comparisons"]
+        assert [c["name"] for c in found["changes"]] == ["fs1", "fs2", "K1", "K2"]
+        assert found["left_out"] == ["fs3", "K3", "m2 - 4*Izz3"]
+        said = " ".join(elid("compare", "arm.json", other, cwd=tmp_path).stdout.split())
+        assert f"differ in joint 3 ({joint}): 3 parameters of the same name are left out" in said
+    (found,) = json.loads(elid("compare", "arm.json", "right.json", "--json", cwd=tmp_path).stdout)["comparisons"]
+    assert found["left_out"] == []  # two arms of one type
+
+
+def test_the_same_result_is_called_so(elid, folder: Path) -> None:
+    done = elid("compare", "a.json", "a.json", cwd=folder)
+    assert "Nothing can: a.json is given twice." in done.stdout
+    assert "not shown by one" not in done.stdout
+    (folder / "copy.json").write_bytes((folder / "a.json").read_bytes())
+    said = " ".join(elid("compare", "a.json", "copy.json", cwd=folder).stdout.split())
+    assert "Nothing can: copy.json is the same result as a.json, to the last digit." in said
+    (found,) = json.loads(elid("compare", "a.json", "copy.json", "--json", cwd=folder).stdout)["comparisons"]
+    assert found["same"]

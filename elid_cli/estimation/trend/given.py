@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from elid_cli.errors import in_words
-from elid_cli.estimation.comparison import SavedResult
+from elid_cli.estimation.comparison import SavedResult, same_estimates
 
 NAMED = 4
 """Files of one warning that are named."""
@@ -33,11 +33,6 @@ def distinct(results: Sequence[SavedResult]) -> tuple[list[int], list[str]]:
         what += [f"the same result as {in_words(others, NAMED)}"] if others else []
         said.append(f"{file} is {' and '.join(what)}: counted once")
     return kept, said
-
-
-def same_estimates(one: SavedResult, other: SavedResult) -> bool:
-    """Whether two results hold the same estimates."""
-    return one.parameters == other.parameters and one.beside == other.beside
 
 
 def warnings_of(results: Sequence[SavedResult]) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from elid_cli.estimation.comparison import Change, Comparison, SavedResult
+from elid_cli.estimation.same_joints import TERM
 from elid_cli.report.answers.summary import listed, share_text, signed_share
 from elid_cli.report.tree import (
     Cell,
@@ -37,7 +38,8 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
     for k, comparison in enumerate(comparisons, start=2):
         sections += _moved(comparison, k, sigmas)
     sections += _errors(results)
-    sections += [Text(f"warning{k}", line, "warning") for k, line in enumerate(_doubts(results))]
+    doubts = [*_doubts(results), *(_left_out(c) for c in comparisons if c.left_out)]
+    sections += [Text(f"warning{k}", line, "warning") for k, line in enumerate(doubts)]
     payload = {
         "robot": results[0].robot,
         "files": [r.file for r in results],
@@ -51,6 +53,9 @@ def _changed(comparisons: Sequence[Comparison], sigmas: float) -> str:
     """Return in a sentence for each result what moved from the first one by more than `sigmas` standard errors."""
     said, same = [], []
     for comparison in comparisons:
+        if comparison.same:
+            said.append(_repeated(comparison))
+            continue
         moved = sorted(comparison.moved(sigmas), key=lambda change: -abs(change.deviations))
         names = listed([f"{change.name} ({_share(change)})" for change in moved])
         where = f" in {comparison.other.file}" if len(comparisons) > 1 else ""
@@ -60,6 +65,13 @@ def _changed(comparisons: Sequence[Comparison], sigmas: float) -> str:
         where = f" in {listed(same)}" if len(comparisons) > 1 else ""
         said.append(f"Nothing by more than {number_text(sigmas, 3)} standard errors{where}.")
     return " ".join(said)
+
+
+def _repeated(comparison: Comparison) -> str:
+    first, other = comparison.first.file, comparison.other.file
+    if first == other:
+        return f"Nothing can: {first} is given twice."
+    return f"Nothing can: {other} is the same result as {first}, to the last digit."
 
 
 def _share(change: Change) -> str:
@@ -75,8 +87,13 @@ def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
     against = f"result {number} against result 1"
     if comparison.unshared:
         against += f", {len(comparison.unshared)} base parameters not in both"
-    if comparison.refused:
-        against += f", {len(comparison.refused)} not shown by one of them"
+    if comparison.left_out:
+        against += f", {len(comparison.left_out)} of joints that are not the same"
+    either = sum(c.before.value is None and c.after.value is None for c in comparison.changes)
+    if either:
+        against += f", {either} not shown by either"
+    if len(comparison.refused) > either:
+        against += f", {len(comparison.refused) - either} not shown by one of them"
     threshold = number_text(sigmas, 3)
     count = len(comparison.changes) - len(comparison.refused)
     if not moved:
@@ -139,6 +156,26 @@ def _doubts(results: Sequence[SavedResult]) -> list[str]:
     return doubts
 
 
+def _left_out(comparison: Comparison) -> str:
+    """Return which joints are not compared because they are not the same."""
+    terms = [set(map(int, TERM.findall(name))) for name in comparison.left_out]
+    alone = set[int]().union(*(of for of in terms if len(of) == 1)) or set[int]().union(*terms)
+    joints = [_joint(comparison, k) for k in sorted(alone)]
+    count = len(comparison.left_out)
+    which = "1 parameter of the same name is" if count == 1 else f"{count} parameters of the same name are"
+    return (
+        f"{comparison.first.file} and {comparison.other.file} are of robots that differ in {listed(joints)}: "
+        f"{which} left out"
+    )
+
+
+def _joint(comparison: Comparison, number: int) -> str:
+    """Return what both results call a joint."""
+    names = [r.joints[number - 1] if 0 < number <= len(r.joints) else "?"
+             for r in (comparison.first, comparison.other)]  # fmt: skip
+    return f"joint {number} ({' and '.join(dict.fromkeys(names))})"
+
+
 def _numbers(results: Sequence[SavedResult]) -> range:
     return range(1, len(results) + 1)
 
@@ -150,6 +187,8 @@ def _payload(comparison: Comparison, sigmas: float) -> dict[str, Any]:
         "moved": [change.name for change in comparison.moved(sigmas)],
         "unshared": list(comparison.unshared),
         "refused": list(comparison.refused),
+        "left_out": list(comparison.left_out),
+        "same": comparison.same,
         "changes": [
             {
                 "name": change.name,

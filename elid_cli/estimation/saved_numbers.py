@@ -1,0 +1,70 @@
+"""Numbers of saved results: those that no command of elid writes are refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from typing import Any
+
+from elid_cli.errors import UsageError
+
+LARGEST_NUMBER = 1e300
+"""A larger number in a saved result is broken."""
+SHOWN = 24
+"""Characters of a value that a message shows."""
+AGAIN = "elid identify LOG --robot ROBOT --json > RESULT.json"
+
+
+def number_of(value: Any) -> float | None:
+    """Return a number; None for anything else, and for an integer of hundreds of digits."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    return float(value) if abs(value) < LARGEST_NUMBER else None
+
+
+def check_numbers(data: Mapping[str, Any], where: str) -> None:
+    """Refuse a saved result, called `where`, with a number that no command of elid writes.
+
+    Raises
+    ------
+    UsageError
+        A number is not finite or larger than `LARGEST_NUMBER`, an estimate is no number, or a standard error is
+        negative; its key is named.
+    """
+    broken = next(chain(_too_large(data), _no_numbers(data.get("base_parameters"))), None)
+    if broken is not None:
+        key, value = broken
+        detail = "expected a finite number" + (", zero or more" if key.endswith("std_error") else "")
+        raise UsageError(f"{where}: {key} cannot be used: {_shown(value)}", detail=detail, hint=AGAIN)
+
+
+def _no_numbers(entries: Any) -> Iterator[tuple[str, Any]]:
+    """Yield (key, value) of estimates and standard errors that are neither null nor numbers, or negative errors."""
+    for k, entry in enumerate(entries if isinstance(entries, list) else ()):
+        for name in ("estimate", "std_error") if isinstance(entry, dict) else ():
+            value = entry.get(name)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if value is not None and (not number or (name == "std_error" and value < 0)):
+                yield f"base_parameters[{k}].{name}", value
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value)
+    digits = text.lstrip("-")
+    if len(text) > SHOWN and digits.isdigit():
+        return f"a whole number of {len(digits)} digits"
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
+
+
+def _too_large(data: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield (key, number) of what arithmetic cannot use, at any depth: ``base_parameters[3].estimate``."""
+    open_: list[tuple[str, Any]] = [("", data)]
+    while open_:
+        key, value = open_.pop()
+        if isinstance(value, Mapping):
+            open_ += [(f"{key}.{name}" if key else str(name), part) for name, part in reversed(list(value.items()))]
+        elif isinstance(value, list):
+            open_ += [(f"{key}[{k}]", value[k]) for k in reversed(range(len(value)))]
+        elif isinstance(value, int | float) and not abs(value) < LARGEST_NUMBER:
+            yield key, value
