@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,14 @@ if TYPE_CHECKING:
     from elid_cli.estimation.sampling.sets import ParameterSets
 
 
+TABLE = "sets.csv"
+"""The table beside a folder's robot files."""
+SET = re.compile(r"set_\d+\.")
+"""Begin of the name of a set's file, and of files that belong to it."""
+
+
 def check_sets(out: str | None, robot: str | None) -> None:
-    """Refuse, before any work is done, a place where parameter sets cannot be written (UsageError)."""
+    """Refuse, before any work is done, a place where sets cannot be written or others are already (UsageError)."""
     from elid_cli.estimation.sampling.files import TABLES
 
     if out is None:
@@ -25,7 +32,20 @@ def check_sets(out: str | None, robot: str | None) -> None:
         return
     if robot is None:
         raise UsageError(f"-o {out}: a folder is for robot files", hint="--robot ROBOT, or -o sets.csv")
-    check_writable(path / "sets.csv" if path.is_dir() else path)
+    earlier = _earlier(path) if path.is_dir() else []
+    if earlier:
+        more = f" and {len(earlier) - 1} more" if len(earlier) > 1 else ""
+        raise UsageError(
+            f"-o {out}: holds parameter sets already: {earlier[0]}{more}",
+            detail="sets of two runs in one folder would be mixed", hint="name a new folder, or move these files away",
+        )  # fmt: skip
+    check_writable(path / TABLE if path.is_dir() else path)
+
+
+def _earlier(folder: Path) -> list[str]:
+    """Return the names of files of an earlier run, the table last."""
+    names = sorted(item.name for item in folder.iterdir())
+    return [name for name in names if SET.match(name)] + [name for name in names if name == TABLE]
 
 
 def write_sets(sets: ParameterSets, path: Path) -> list[str]:
@@ -50,7 +70,7 @@ def write_sets(sets: ParameterSets, path: Path) -> list[str]:
     digits = len(str(len(robots)))
     for number, robot in enumerate(robots, start=1):
         write_described(robot, str(path / f"set_{number:0{digits}d}{suffix}"))
-    write_csv(sets, path / "sets.csv")
+    write_csv(sets, path / TABLE)
     return [f"{path}: {sentence}" for sentence in not_held(robots[0], f"set{suffix}")]
 
 

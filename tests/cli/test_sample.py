@@ -108,6 +108,24 @@ def test_robot_files_have_the_sets_values(elid: Elid, folder: Path, tmp_path: Pa
             assert abs(base - entry["estimate"]) < 6 * entry["std_error"]  # Izz1 …: every base parameter as drawn
 
 
+def test_a_folder_with_sets_of_an_earlier_run_is_refused(elid: Elid, folder: Path, tmp_path: Path) -> None:
+    """Fewer sets than before would leave the others between the new ones; nothing of the folder is touched."""
+    place = tmp_path / "robots"
+    place.mkdir()
+    (place / "notes.txt").write_text("mine")
+    line = ("sample", "result.json", "--robot", "planar2", "-o", str(place), "-n")
+    assert elid(*line, "3", cwd=folder).returncode == 0
+    before = {file.name: file.read_bytes() for file in place.iterdir()}
+    assert before["notes.txt"] == b"mine"
+    done = elid(*line, "2", "--seed", "5", cwd=folder)
+    assert done.returncode == 2
+    assert f"-o {place}: holds parameter sets already: set_1.yaml and 3 more" in done.stderr
+    assert {file.name: file.read_bytes() for file in place.iterdir()} == before
+    for name in before.keys() - {"notes.txt", "sets.csv"}:
+        (place / name).unlink()
+    assert "already: sets.csv" in elid(*line, "2", cwd=folder).stderr
+
+
 MJCF = """<mujoco model="pendulum">
   <compiler angle="radian"/>
   <worldbody>

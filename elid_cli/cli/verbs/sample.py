@@ -23,7 +23,8 @@ from elid_cli.cli.values import File
 )  # fmt: skip
 @options.seed
 @options.out(
-    "The sets: a table (.csv, .json, .npz), or with --robot a folder of robot files with their values.",
+    "The sets: a table (.csv, .json, .npz), or with --robot a folder of robot files with their values; one that holds "
+    "sets already is refused.",
     required=False, metavar="FILE|FOLDER",
 )  # fmt: skip
 @options.option(
