@@ -21,6 +21,8 @@ MODELS = 2
 """Ways in which the others predict a recording: by their mean, and by a line."""
 PART = 10
 """One in so many recordings may stand out, or fewer than a step needs."""
+FAR = 5.0
+"""Least distance over the largest of the others: sessions may scatter with heavier tails than the normal law's."""
 ALONE = 1e-9
 """Least share of a recording's place that the others must know for a line to predict it."""
 
@@ -68,7 +70,12 @@ class _Distances:
 
     p: Array
     t: Array
-    expected: Array
+    away: Array
+    """From what the others say by `line` or by their mean, in units of the parameters."""
+    line: NDArray[np.bool_]
+    by_mean: Array
+    by_line: Array
+    """The distances by either, 0 where there is none."""
 
 
 def standing_out(told: Estimates, level: float) -> tuple[StandsOut, ...]:
@@ -113,13 +120,17 @@ def _judged(told: Estimates, number: int, left: set[int], level: float) -> Stand
     alive = np.array([k == number or k not in left for k in range(count)])
     found = _distances(told, np.repeat(alive[:, None], parameters, axis=1))
     p, t = found.p[number], found.t[number]
-    if p.min() > level / (MODELS * count * parameters):
+    alive[number] = False
+    others = _distances(told, np.repeat(alive[:, None], parameters, axis=1))
+    widest = np.abs(np.where(found.line[number], others.by_line, others.by_mean)).max(axis=0)
+    lone = np.abs(found.away[number]) > FAR * widest
+    if not np.any(lone & (p <= level / (MODELS * count * parameters))):
         return None
     order = [k for k in np.argsort(-np.abs(t)).tolist() if p[k] <= level / (MODELS * parameters)]
+    values = told.values[number]
+    expected = values - found.away[number]
     return StandsOut(number, tuple(
-        Deviation(told.names[k], told.units[k], float(told.values[number, k]), float(found.expected[number, k]),
-                  float(t[k]))
-        for k in order
+        Deviation(told.names[k], told.units[k], float(values[k]), float(expected[k]), float(t[k])) for k in order
     ))  # fmt: skip
 
 
@@ -140,8 +151,10 @@ def _distances(told: Estimates, alive: NDArray[np.bool_]) -> _Distances:
     usable = known & (count > LEAST)
     p_mean, p_line = (np.where(usable & np.isfinite(p), p, 1.0) for p, *_ in (mean, line))
     better = p_line < p_mean
-    t, away = (np.where(better, line[k], mean[k]) for k in (1, 2))
-    return _Distances(np.where(better, p_line, p_mean), np.where(usable, t, 0.0), told.values - away)
+    by_mean, by_line = (np.where(known & np.isfinite(away), away, 0.0) for *_, away in (mean, line))
+    t = np.where(usable, np.where(better, line[1], mean[1]), 0.0)
+    away = np.where(better, by_line, by_mean)
+    return _Distances(np.where(better, p_line, p_mean), t, away, better, by_mean, by_line)
 
 
 def _deleted(left: Array, errors: Array, leverage: Array, others: tuple[Array, Array]) -> tuple[Array, Array, Array]:

@@ -110,3 +110,13 @@ def test_the_gate_fails_and_says_which_recording(tmp_path: Path, capsys: pytest.
     assert "what stands out?" in answers
     assert "K3 −20 %" in " ".join(answers.split())
     assert main(["trend", *map(str, files[:-1]), "--fail-on-trend"]) == 0
+
+
+def test_a_recording_hardly_farther_off_than_another_is_the_parameters_own_scatter() -> None:
+    """Tails that are heavier than the normal law's; five times as far as any other is more than that."""
+    values = values_of(30)
+    values[:, 0] = 1.0 + 1e-4 * np.random.default_rng(1).standard_normal(30)
+    values[[4, 20], 0] += [-4e-4, 14e-4]
+    assert told(values).stands_out == ()
+    values[20, 0] += 30e-4
+    assert [far.number for far in told(values).stands_out] == [20]
