@@ -81,13 +81,19 @@ def with_differing_logs(found: Identification) -> Identification:
 
     Every log was judged by the residual of its own fit, which says nothing of what all have in common.
     """
-    own = {item.joint: item.ratio for item in found.noise if item.rows in ("sum", "load")}
-    named = {item.joint for item in found.insufficient}
+    own = {(item.joint, item.rows): item.ratio for item in found.noise}
+    named = {(item.joint, item.rows) for item in found.insufficient}
     more = []
     for name, error in found.error.items():
-        ratio = error.rms / error.floor if error.floor else 0.0
-        if name in own and name not in named and ratio > max(FAR_APART, FAR_APART * own[name]):
-            more.append(Insufficient(name, "sum", float(ratio), LOGS, 0.0))
+        whole, spring = (error.rms, error.floor), (error.spring_rms, error.spring_floor)
+        rows: dict[Kind, tuple[float | None, float | None]] = {
+            "sum": whole, "load": whole, "motor": spring, "spring": spring,
+        }  # fmt: skip
+        for kind, (rms, floor) in rows.items():
+            ratio = rms / floor if rms and floor else 0.0
+            known = (name, kind) in own and (name, kind) not in named
+            if known and ratio > FAR_APART * max(1.0, own[name, kind]):
+                more.append(Insufficient(name, kind, float(ratio), LOGS, 0.0))
     if not more:
         return found
     return replace(found, insufficient=(*found.insufficient, *more), model="insufficient")

@@ -49,6 +49,11 @@ def lacking_words(
     """
     if model == "not judged":
         return "Not looked for: elid diagnose does that."
+    if model == "insufficient" and insufficient and all(item.follows == LOGS for item in insufficient):
+        return (
+            f"Something: {rows_words(insufficient)}. A load, another robot, or what has changed between them: each log "
+            "alone, and elid compare of two results, tell what."
+        )
     if model == "insufficient":
         return f"Something: {rows_words(insufficient)}.{moment_words(noise)} elid diagnose looks for the cause."
     loud = max(noise, key=lambda n: n.ratio, default=None)
