@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.candidates import Candidate
 from elid_cli.diagnosis.by_motion.held_out import MORE
@@ -31,6 +33,7 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
     """
     left = {k: list[Candidate]() for k in range(len(named))}
     better: dict[int, Candidate] = {}
+    least: dict[int, float] = {}
     before = fit.equations.lighter
     for chosen in _turns(named):
         trial = in_place(fit, {declared + k: rival.effect for k, rival in chosen.items()})
@@ -39,8 +42,8 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
             mine, its = before[:, joint], None if trial is None else trial.equations.lighter[:, joint]
             if its is None or not clearly_more(its, mine):
                 left[k].append(rival)
-            if its is not None and clearly_more(mine, its):
-                better[k] = rival
+            if its is not None and clearly_more(mine, its) and its.sum() < least.get(k, np.inf):
+                better[k], least[k] = rival, float(its.sum())
     result = [replace(item, rivals=tuple(left[k])) for k, item in enumerate(named)]
     found = in_place(fit, {declared + k: rival.effect for k, rival in better.items()}) if better else None
     if found is None:
