@@ -195,9 +195,11 @@ def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> Non
         write_yaml(robot, path, remarks)
     elif patches(robot, path):
         from elid_cli.experiment.mjcf_friction import soft_attributes
+        from elid_cli.robot.mjcf.patch import FIRM
         from elid_cli.robot.patch import patched
 
-        further = soft_attributes(robot) if suffix != ".urdf" else {}
+        firm = dict.fromkeys(robot.joint_names, FIRM)
+        further = {} if suffix == ".urdf" else firm | soft_attributes(robot)
         write_text(path, patched(robot, remarks, further, Path(path).parent))
     else:
         from elid_cli.experiment.mjcf import mjcf_text

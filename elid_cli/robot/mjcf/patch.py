@@ -28,6 +28,8 @@ from elid_cli.robot.written_bodies import PHYSICAL, is_real, loaded
 from elid_cli.robot.xml_edit import XmlEdit
 from elid_cli.robot.xml_text import xml_number, xml_numbers
 
+FIRM = {"solreffriction": "0.001 1"}
+"""What makes dry friction hold a joint: MuJoCo takes no less than two of its steps."""
 _MASSLESS = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
 
 
@@ -75,7 +77,8 @@ class _Patch:
             if item.name not in changes or number in tree.ridden:
                 continue
             change = changes[item.name]
-            values = self._of_joint(item, change, tree.rotors.get(number)) | dict(further.get(item.name, {}))
+            values = self._of_joint(item, change, tree.rotors.get(number))
+            values |= _constraint(item, values, further.get(item.name, {}))
             self._set(item.element, values)
             own = tree.rotors.get(number)
             driven, turns = (item, 1.0) if own is None else (tree.moving[own.number], abs(own.turns))
@@ -252,6 +255,18 @@ def _rotors_inertia(joint: Joint, turns: float) -> float | None:
     if joint.gear_ratio is not None and "Jm" in values:
         return values["Jm"] * (joint.gear_ratio / turns) ** 2
     return values["Ja"] / turns**2 if "Ja" in values else None
+
+
+def _constraint(item: MovingJoint, values: Mapping[str, str], asked: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes of a joint's friction constraint.
+
+    What only makes dry friction hold the joint, where MuJoCo's own fades in, is not asked of friction that stays as it
+    was, nor of a joint whose constraint the file describes.
+    """
+    known = item.element.attributes
+    loss = float(values.get("frictionloss", 0.0))
+    stays = not loss > 0 or near(loss, float(known.get("frictionloss", 0.0)))
+    return {} if asked == FIRM and (stays or "solreffriction" in known) else dict(asked)
 
 
 def _limit(limit: float | None, turns: float) -> dict[str, str]:
