@@ -46,7 +46,10 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     h = dt / each
     smooth = 2.0 * later
     between = 0.5 if later > 0.0 else 0.5 * (each - 1) / each  # of two instants, where a mass stands for its steps
-    inverse, bend = np.empty((size, size)), np.empty((size, size))
+    inverses, bend = np.empty((2, size, size)), np.empty((size, size))  # the second one for the end of Euler's steps
+    inverse, ending, acts = inverses[0], inverses[1], np.empty(size)
+    # friction that fades in follows the acceleration without the damping of the end of Euler's steps
+    apart = later == 0.0 and friction.max() > 0.0
     x, v, held, middle, rhs, faster = (np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
                                        np.empty(size))  # fmt: skip
     pulled, pull, where, move, off, pushed, bound, gained = (
@@ -70,21 +73,25 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             half = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
                             full = (1.0 - between) * mass[k, s, c, i, m] + between * mass[k + 1, s, c, i, m]
                             bend[i, m], inverse[i, m] = half, full + smooth * 0.25 * h * h * half
-                        inverse[i, i] += inertia[a, s, c, i] + (1.0 - later) * h * viscous[a, s, c, i]
+                            ending[i, m] = full
+                        slow = (1.0 - later) * h * viscous[a, s, c, i]
                         if holds[s, c, i] == 0.0:
                             stiff = smooth * (ramp[s, c, i] * kd[s, c, i] + 0.25 * h * kp[s, c, i])
-                            inverse[i, i] += h * (stiff + damped * kd[s, c, i])
-                    for n in range(size):  # Gauss-Jordan in place; a mass matrix needs no pivots
-                        pivot = 1.0 / inverse[n, n]
-                        inverse[n, n] = 1.0
-                        for m in range(size):
-                            inverse[n, m] *= pivot
-                        for i in range(size):
-                            if i != n:
-                                factor = inverse[i, n]
-                                inverse[i, n] = 0.0
-                                for m in range(size):
-                                    inverse[i, m] -= factor * inverse[n, m]
+                            slow += h * (stiff + damped * kd[s, c, i])
+                        ending[i, i] += inertia[a, s, c, i] + slow
+                        inverse[i, i] += inertia[a, s, c, i] + (0.0 if apart else slow)
+                    for own in inverses if apart else inverses[:1]:
+                        for n in range(size):  # Gauss-Jordan in place; a mass matrix needs no pivots
+                            pivot = 1.0 / own[n, n]
+                            own[n, n] = 1.0
+                            for m in range(size):
+                                own[n, m] *= pivot
+                            for i in range(size):
+                                if i != n:
+                                    factor = own[i, n]
+                                    own[i, n] = 0.0
+                                    for m in range(size):
+                                        own[i, m] -= factor * own[n, m]
                     p, g = k if len(push) > 1 else 0, k if len(grip) > 1 else 0
                     for i in range(size):
                         pushed[i] = push[p, a, s, c, i]
@@ -128,7 +135,8 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             drive -= pulled[i] + w * pull[i]
                             for m in range(size):
                                 drive -= bend[i, m] * off[m]
-                            rhs[i] = h * drive - held[i] - slowed[i]
+                            acts[i] = h * drive
+                            rhs[i] = acts[i] - held[i] - slowed[i]
                         for i in range(size):
                             faster[i] = v[i]
                             for m in range(size):
@@ -141,10 +149,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                     free, new = faster[i] + give * slowed[i], 0.0
                                     if soft[i] > 0.0 and later == 0.0:
                                         steep = soft[i] / wide[i]
-                                        # what it follows is the acceleration without the damping of the step's end
-                                        slow = h * (viscous[a, s, c, i] + damped * kd[s, c, i]) * give
-                                        lead_of = ahead[i] / max(1.0 - slow, 0.1)
-                                        new = steep * (v[i] + lead_of * (free - v[i])) / (1 + steep * lead_of * give)
+                                        new = steep * (v[i] + ahead[i] * (free - v[i])) / (1 + steep * ahead[i] * give)
                                         new = min(max(new, -soft[i]), soft[i])
                                     elif soft[i] > 0.0:
                                         new = faded(v[i], free, give, soft[i], wide[i], ahead[i])
@@ -176,6 +181,11 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                     held[i] = new
                             if settled:  # the usual case of joints that move: friction is as it was
                                 break
+                        if apart:
+                            for i in range(size):
+                                faster[i] = v[i]
+                                for m in range(size):
+                                    faster[i] += ending[i, m] * (acts[m] - held[m] - slowed[m])
                         for i in range(size):
                             summed[i] += h * x[i] + 0.25 * h * h * (v[i] + faster[i])
                             x[i] += h * (later * v[i] + (1.0 - later) * faster[i])

@@ -85,6 +85,8 @@ def advance_arrays(
     ahead, slowed, fades = ahead / h, np.zeros(shape), friction > 0
     later, damped = 0.5 if drives.stepped is None else 0.0, float(drives.stepped == "implicit")
     smooth, between = 2.0 * later, 0.5 if later else 0.5 * (steps - 1) / steps
+    # friction that fades in follows the acceleration without the damping of the end of Euler's steps
+    apart = later == 0.0 and fades.any()
     for k in range(instants - 1):
         bend = 0.5 * (part.slope[k] + part.slope[k + 1])
         half_way = (1.0 - between) * part.mass[k] + between * part.mass[k + 1]
@@ -93,15 +95,14 @@ def advance_arrays(
         full = mass + smooth * 0.25 * h * h * bend
         stiff = acting * (smooth * (ramp * drives.kd + 0.25 * h * drives.kp) + damped * drives.kd)
         full[..., diagonal, diagonal] += h * ((1.0 - later) * joints.viscous + stiff)
-        inverse = np.linalg.inv(full)
+        inverse = ending = np.linalg.inv(full)
+        if apart:
+            inverse = np.linalg.inv(mass)
         give = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
         columns = [inverse[..., :, i] for i in every]
         more = grip[k if len(grip) > 1 else 0]
         bound = h * np.maximum(joints.coulomb + np.where(fades, 0.0, more), 0.0)
         soft = h * np.where(fades, np.maximum(friction + more, 0.0), 0.0)  # what effects add fades in as well
-        # the acceleration that friction follows is that without the damping of the step's end
-        slow = 1.0 if later else np.maximum(1.0 - h * (joints.viscous + damped * drives.kd) * give, 0.1)
-        lead = ahead / slow
         pulled, place = part.force[k] + joints.offset + push[k if len(push) > 1 else 0], part.place[k]
         pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
         for j in range(steps):
@@ -124,14 +125,15 @@ def advance_arrays(
             drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
             drive -= pulled + (j + later) * pull
             drive -= _times(bend, middle - (place + (j + later) * move))
-            faster = v + _times(inverse, h * drive - held - slowed)
+            acts = h * drive
+            faster = v + _times(inverse, acts - held - slowed)
             for _ in range(SWEEPS):
                 for i in every:
                     here = own[i]
                     if fades[here].any():
                         free = faster[here] + give[here] * slowed[here]
                         fade = _faded if later else _faded_at_once
-                        now = fade(v[here], free, give[here], soft[here], width[here], lead[here])
+                        now = fade(v[here], free, give[here], soft[here], width[here], ahead[here])
                         faster -= columns[i] * (now - slowed[here])[..., None]
                         slowed[here] = now
                     free, slid = faster[here] + give[here] * held[here], np.sign(v[here]) * bound[here]
@@ -145,6 +147,8 @@ def advance_arrays(
                     now = np.clip(free / give[here], low, high)
                     faster -= columns[i] * (now - held[here])[..., None]
                     held[here] = now
+            if apart:
+                faster = v + _times(ending, acts - held - slowed)
             x, before = x + h * (later * v + (1.0 - later) * faster), x
             summed += 0.5 * h * (before + x)
             seen = (1.0 - whole) * seen + whole * v + rise * (faster - v)

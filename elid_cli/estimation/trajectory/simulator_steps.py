@@ -122,7 +122,7 @@ def _of_steps(fit: TrajectoryFit, how: Stepped, step: float) -> TrajectoryFit | 
 def _damped(fit: TrajectoryFit) -> TrajectoryFit:
     """Return a fit to steps with explicit damping of drives, or the one with implicit damping if clearly nearer.
 
-    Without friction that fades in both are the same but for the inertia: `either`.
+    But for friction that fades in at joints that are coupled both are the same but for the inertia: `either`.
     """
     run, z = fit.tracked[0].run, fit.z.copy()
     step = step_of(run)

@@ -22,7 +22,7 @@ class EulerSteps(Effect):
         " motor inertia too small by half a step times kd less the joint's viscous friction. With `implicit` 1 the"
         " drives' damping is taken at the step's end (MuJoCo's implicitfast, with position or velocity actuators); then"
         " the inertia is found too large, by half a step times kd and the viscous friction. The two differ by an"
-        " inertia of one step times kd, and but for friction that fades in by nothing else."
+        " inertia of one step times kd, and by nothing else but what friction that fades in makes of coupled joints."
     )
     typical = "0.5-5 ms"
     fingerprint = "motion that is half a step ahead of the commands; what the steps leave in fast motion"
