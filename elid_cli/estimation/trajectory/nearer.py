@@ -44,6 +44,7 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals) -> Nearer | Non
 
     Declared effects of another shape are left out, and of a long log its middle is looked at.
     """
+    from elid_cli.estimation.trajectory.simulator_steps import with_steps
     from elid_cli.estimation.trajectory.unasked import is_known, seconds, without_shapes
     from elid_cli.model.effects.posed import posed
 
@@ -52,7 +53,8 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals) -> Nearer | Non
         return None
     part = min(1.0, LONGEST / seconds(robot, one))
     try:
-        fits = [_fit(robot, posed(robot), log, part) for log in (one, other)]
+        # a simulator's steps, too, seem half a sample ahead of held commands
+        fits = [with_steps(_fit(robot, posed(robot), log, part), log) for log in (one, other)]
     except (DataError, LogError, RobotError):
         return None
     by = float(np.log(fits[0].equations.size / fits[1].equations.size).sum())

@@ -99,6 +99,14 @@ def test_steps_are_found_and_the_written_robot_has_them(tmp_path: Path, capsys: 
         assert validate(again, signals).error[joint].relative < 1.02 * validate(bare, signals).error[joint].relative
 
 
+def test_steps_as_long_as_samples_are_no_smooth_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # half a sample ahead of held commands is what commands that change all the time look like, too
+    found = told(tmp_path, capsys, moved(6, 10.0, DT))
+    assert [own["step"] for own in steps_of(found).values()] == [pytest.approx(DT)] * 3
+    assert not any("commands are taken to change smoothly" in note for note in found["notes"])  # type: ignore[attr-defined]
+    assert np.abs(scores(found)).max() < 4
+
+
 def test_implicit_damping_that_the_motion_does_not_tell_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
