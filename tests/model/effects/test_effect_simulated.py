@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from elid_cli.estimation.regression.effect_columns import with_zeros
+from elid_cli.estimation.regression.effect_columns import with_found
 from elid_cli.experiment.simulation import SimulationOptions
 from elid_cli.experiment.simulation.control import ControlOptions
 from elid_cli.experiment.simulation.run import Simulation, run
@@ -63,7 +63,7 @@ def test_the_equations_hold_with_the_effect_and_fail_without(name: str) -> None:
     scene = replace(scene, tau=tau, predicted=predicted, duration=LENGTH, cache={})
     number = LIBRARY[name].number(plain, spec.joint)
     linear, shape = LIBRARY[name].coefficients(scene, number, spec.parameters)
-    scene = with_zeros(scene, [(LIBRARY[name](number, shape), linear)])
+    scene = with_found(scene, [(LIBRARY[name](number, shape), linear)])
     without = torque_of(plain, motion, scene.parameters)
     without[1] -= tau
     effect = np.zeros_like(without)
