@@ -45,11 +45,34 @@ def with_rates(robot: Robot, signals: Signals) -> Signals:
     torque, delayed = command_torque(told)
     other = replace(signals, recording=told, tau=torque, command_torque=delayed)
     nearer = nearer_by_motion(robot, signals, other)
-    if nearer is not None and nearer.by > (0.0 if nearer.at_noise else BY_FAR * robot.n):
-        return other
+    if _is_told(robot, nearer):
+        if not _as_near_without(robot, signals, other):
+            return other
+        nearer = None
     none = {**recording.commands, "dq_des": np.zeros_like(recording.commands["q_des"])}
     notes = tuple(_none(nearer) if note == UNTOLD else note for note in recording.notes)
     return replace(signals, recording=replace(recording, commands=none, notes=notes))
+
+
+def _is_told(robot: Robot, nearer: Nearer | None) -> bool:
+    return nearer is not None and nearer.by > (0.0 if nearer.at_noise else BY_FAR * robot.n)
+
+
+def _as_near_without(robot: Robot, plain: Signals, told: Signals) -> bool:
+    """Whether drives that are told no rate come as near where commands are smooth, or their loops hold their torque.
+
+    Of such drives neither inertia nor viscous friction is left by a fit that lacks this, which rates and a delay of
+    many samples make up for.
+    """
+    recording = plain.recording
+    assert recording is not None
+    if recording.smooth is None:
+        smooth = replace(recording, smooth=True)
+        torque, delayed = command_torque(smooth)
+        one = replace(plain, recording=smooth, tau=torque, command_torque=delayed)
+        if not _is_told(robot, nearer_by_motion(robot, one, told)):
+            return True
+    return not recording.smooth and not _is_told(robot, nearer_by_motion(robot, plain, told, loops=True))
 
 
 def rated(robot: Robot, recording: Recording) -> Recording:

@@ -33,6 +33,9 @@ of their own time."""
 ALIKE = 0.02
 """Logarithm of the error's size, per joint, by which smooth commands may be nearer where held ones need no delay and
 smooth ones half a sample."""
+KEPT, DIGITS = 0.8, 3.0
+"""Part of the changes of commands after which these keep their values, and times the least change that the usual one
+is, from which commands step and are not smooth."""
 WORSE = 1.2
 """Times by which torques may be predicted worse, which noise of the positions is in."""
 SMOOTH = "smooth"
@@ -117,6 +120,8 @@ def noted(found: Identification, recording: Recording | None) -> Identification:
 
 
 def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
+    if _steps(held.recording):
+        return False
     before = _least_squares(robot, held)
     late = _delay(before)
     ahead = late < -AHEAD * held.dt
@@ -126,6 +131,10 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
     if not doubted:
         return False
     nearer = nearer_by_motion(robot, held, smooth)
+    if nearer is not None and nearer.bound and nearer.by >= 0:
+        looped = nearer_by_motion(robot, held, smooth, loops=True)
+        if looped is not None and looped.by <= 0:
+            return False
     if nearer is not None:
         if nearer.at_noise and nearer.by < ALIKE * robot.n and _half_late(nearer.delays, held.dt):
             return False
@@ -135,6 +144,21 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
         return nearer.delays[0] < -EARLIEST * held.dt and nearer.delays[1] > -EARLIEST * held.dt
     after = _least_squares(robot, smooth)
     return ahead and _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)
+
+
+def _steps(recording: Recording | None) -> bool:
+    """Whether commands step, as those of a policy: after most of their changes they keep their values.
+
+    Slow smooth ones of few digits do so as well; they change by one digit.
+    """
+    assert recording is not None
+    told = recording.commands["q_des"]
+    steps = [np.diff(told[segment.start : segment.stop], axis=0) for segment in recording.segments]
+    now, after = (np.concatenate([part[own] for part in steps]) for own in (slice(None, -1), slice(1, None)))
+    sizes = np.abs(now[now != 0])
+    if not len(sizes) or np.median(sizes) < DIGITS * sizes.min():
+        return False
+    return float(np.mean(after[now != 0] == 0)) > KEPT
 
 
 def _half_late(delays: tuple[float, float], dt: float) -> bool:

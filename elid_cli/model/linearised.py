@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,14 +14,15 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 
 SLIGHT = 1e-5
-"""Change of position, rad (m), for the slope of the torques."""
+"""Change of position, rad (m), or velocity for the slope of the torques."""
 
 
 @dataclass(frozen=True)
 class Local:
-    """Equations of motion about a motion at N instants of S stretches: mass·v' + force + slope·(x - place) = drive.
+    """Equations of motion about a motion at N instants of S stretches.
 
-    Those of L chains of s coordinates have two axes, L and s, for m.
+    mass·v' + force + slope·(x - place) + swerve·(v - speed) = drive. Those of L chains of s coordinates have two axes,
+    L and s, for m.
     """
 
     mass: Array
@@ -29,9 +30,23 @@ class Local:
     force: Array
     """Gravity, centrifugal terms and springs, N·m (N), (N, S, m)."""
     slope: Array
-    """Its change with position, N·m/rad, (N, S, m, m)."""
+    """Its change with position, and that of the inertial torque, N·m/rad, (N, S, m, m)."""
+    swerve: Array
+    """Its change with velocity, N·m·s/rad, (N, S, m, m)."""
     place: Array
-    """Motion linearised about, rad (m), (N, S, m)."""
+    """Motion linearised about, rad (m), (N, S, m) …"""
+    speed: Array
+    """… and its velocity."""
+    curved: bool = True
+    """Whether `slope` knows how inertias change with position."""
+
+    def stretch(self, number: int) -> Local:
+        """Return the equations of one stretch."""
+        own = slice(number, number + 1)
+        return replace(
+            self, mass=self.mass[:, own], force=self.force[:, own], slope=self.slope[:, own],
+            swerve=self.swerve[:, own], place=self.place[:, own], speed=self.speed[:, own],
+        )  # fmt: skip
 
 
 class Linearised:
@@ -59,23 +74,32 @@ class Linearised:
         self.coordinates = coordinates_of(robot)
         self._chain = chains_of(robot)
 
-    def about(self, x: Array, v: Array) -> Local:
-        """Return the equations about a motion x (N, S, m) with velocities v."""
+    def about(self, x: Array, v: Array, dt: float | None = None) -> Local:
+        """Return the equations about a motion x (N, S, m) with velocities v, every `dt`.
+
+        Without `dt`, of a motion whose accelerations are mostly noise, the inertias do not change with position.
+        """
         count = x.shape[2]
         flat, speed = x.reshape(-1, count), v.reshape(-1, count)
         still, none = np.zeros_like(flat), np.zeros_like(flat)
+        gained = none if dt is None else np.gradient(v, dt, axis=0).reshape(-1, count)
         force = self._torques(flat, speed, none)
         rest = self._torques(flat, still, none)
-        mass, slope = np.empty((2, *flat.shape, count))
+        whole = force if dt is None else self._torques(flat, speed, gained)
+        mass, slope, swerve = np.empty((3, *flat.shape, count))
         for moved in side_by_side(self._chain):
             unit = np.zeros_like(flat)
             unit[:, moved] = 1.0
             pulled = self._torques(flat, still, unit) - rest
-            bent = (self._torques(flat + SLIGHT * unit, still, none) - rest) / SLIGHT
+            bent = (self._torques(flat + SLIGHT * unit, speed, gained) - whole) / SLIGHT
+            swerved = (self._torques(flat, speed + SLIGHT * unit, none) - force) / SLIGHT
             for k in moved:
                 own = self._chain == self._chain[k]
                 mass[:, :, k], slope[:, :, k] = np.where(own, pulled, 0.0), np.where(own, bent, 0.0)
-        return Local(mass.reshape(*x.shape, count), force.reshape(x.shape), slope.reshape(*x.shape, count), x)
+                swerve[:, :, k] = np.where(own, swerved, 0.0)
+        square = (*x.shape, count)
+        mass, slope, swerve = (part.reshape(square) for part in (mass, slope, swerve))
+        return Local(mass, force.reshape(x.shape), slope, swerve, x, v, dt is not None)
 
     def _torques(self, x: Array, v: Array, a: Array) -> Array:
         """Return the torque on every coordinate, (N, m)."""

@@ -75,8 +75,8 @@ def motion_of(
         What effects add, of the motion that they act along; None: there are none.
     """
     x, v = near, np.gradient(near, dt, axis=0)
-    for _ in range(ROUNDS):
-        local = equations.about(x, v)
+    for number in range(ROUNDS):
+        local = equations.about(x, v, dt if number else None)
         if along is not None:
             # a spring or damper that is stiff beside the masses must act on the motion that comes out, too
             added = along(local, x, v)
@@ -115,7 +115,9 @@ def variants_of(
             local.mass[:, :, taken[:, :, None], taken[:, None]],
             local.force[:, :, taken],
             local.slope[:, :, taken[:, :, None], taken[:, None]],
+            local.swerve[:, :, taken[:, :, None], taken[:, None]],
             local.place[:, :, taken],
+            local.speed[:, :, taken],
         )
         owner = np.array([[int(own[0]) if len(own) else -1 for own in row] for row in motors])
         x, v = advance(

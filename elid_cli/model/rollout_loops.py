@@ -30,8 +30,9 @@ def compiled_steps() -> Callable[..., None] | None:
 
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls
-    mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, ki: Array,
-    holds: Array, lag: Array, half_way: Array, ramp: Array, whole: Array, rise: Array, x0: Array, v0: Array,
+    mass: Array, force: Array, slope: Array, swerve: Array, place: Array, speed: Array,
+    told: Array, kp: Array, kd: Array, ki: Array, holds: Array, lag: Array,
+    half_way: Array, ramp: Array, whole: Array, rise: Array, x0: Array, v0: Array,
     inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array,
     width: Array, lead: Array, push: Array, grip: Array, dt: float, later: float, damped: float, xs: Array, vs: Array,
 ) -> None:  # fmt: skip
@@ -47,7 +48,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     smooth = 2.0 * later
     between = 0.5 if later > 0.0 else 0.5 * (each - 1) / each  # of two instants, where a mass stands for its steps
     inverses, bend = np.empty((2, size, size)), np.empty((size, size))  # the second one for the end of Euler's steps
-    inverse, ending, acts = inverses[0], inverses[1], np.empty(size)
+    inverse, ending, acts, turn, pace = inverses[0], inverses[1], np.empty(size), np.empty((size, size)), np.empty(size)
     # friction that fades in follows the acceleration without the damping of the end of Euler's steps
     apart = later == 0.0 and friction.max() > 0.0
     x, v, held, middle, rhs, faster = (np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
@@ -71,8 +72,10 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                         pulled[i], pull[i] = force[k, s, c, i], force[k + 1, s, c, i] - force[k, s, c, i]
                         for m in range(size):
                             half = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
+                            turn[i, m] = 0.5 * (swerve[k, s, c, i, m] + swerve[k + 1, s, c, i, m])
                             full = (1.0 - between) * mass[k, s, c, i, m] + between * mass[k + 1, s, c, i, m]
-                            bend[i, m], inverse[i, m] = half, full + smooth * 0.25 * h * h * half
+                            bend[i, m] = half
+                            inverse[i, m] = full + smooth * (0.25 * h * h * half + 0.5 * h * turn[i, m])
                             ending[i, m] = full
                         slow = (1.0 - later) * h * viscous[a, s, c, i]
                         if holds[s, c, i] == 0.0:
@@ -105,6 +108,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                         for i in range(size):
                             middle[i] = x[i] + later * h * v[i]
                             off[i] = middle[i] - (where[i] + w * move[i])
+                            pace[i] = v[i] - (1.0 - w) * speed[k, s, c, i] - w * speed[k + 1, s, c, i]
                         for i in range(size):
                             drive = told[now, s, c, i] - kp[s, c, i] * middle[i]
                             part = half_way[s, c, i]
@@ -134,7 +138,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             drive -= viscous[a, s, c, i] * v[i] + pushed[i]
                             drive -= pulled[i] + w * pull[i]
                             for m in range(size):
-                                drive -= bend[i, m] * off[m]
+                                drive -= bend[i, m] * off[m] + turn[i, m] * pace[m]
                             acts[i] = h * drive
                             rhs[i] = acts[i] - held[i] - slowed[i]
                         for i in range(size):

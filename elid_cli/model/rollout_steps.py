@@ -30,8 +30,8 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
     weights = _weights(drives, dt / (len(drives.told) // max(len(part.force) - 1, 1)))
     holds, lag = (np.zeros_like(drives.kp) if part is None else part for part in (drives.held, drives.lag))
     arrays = (
-        part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, ki, holds, lag, *weights,
-        *start,
+        part.mass, part.force, part.slope, part.swerve, part.place, part.speed,
+        drives.told, drives.kp, drives.kd, ki, holds, lag, *weights, *start,
     )  # fmt: skip
     # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
     ready = (np.require(values, requirements=("C", "W")) for values in (*arrays, *flat))
@@ -88,11 +88,11 @@ def advance_arrays(
     # friction that fades in follows the acceleration without the damping of the end of Euler's steps
     apart = later == 0.0 and fades.any()
     for k in range(instants - 1):
-        bend = 0.5 * (part.slope[k] + part.slope[k + 1])
+        bend, swerve = (0.5 * (slope[k] + slope[k + 1]) for slope in (part.slope, part.swerve))
         half_way = (1.0 - between) * part.mass[k] + between * part.mass[k + 1]
         mass = np.broadcast_to(half_way, (*shape, size)).copy()
         mass[..., diagonal, diagonal] += joints.inertia
-        full = mass + smooth * 0.25 * h * h * bend
+        full = mass + smooth * (0.25 * h * h * bend + 0.5 * h * swerve)
         stiff = acting * (smooth * (ramp * drives.kd + 0.25 * h * drives.kp) + damped * drives.kd)
         full[..., diagonal, diagonal] += h * ((1.0 - later) * joints.viscous + stiff)
         inverse = ending = np.linalg.inv(full)
@@ -104,7 +104,8 @@ def advance_arrays(
         bound = h * np.maximum(joints.coulomb + np.where(fades, 0.0, more), 0.0)
         soft = h * np.where(fades, np.maximum(friction + more, 0.0), 0.0)  # what effects add fades in as well
         pulled, place = part.force[k] + joints.offset + push[k if len(push) > 1 else 0], part.place[k]
-        pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
+        speed = part.speed[k]
+        pull, move, gain = ((of[k + 1] - of[k]) / steps for of in (part.force, part.place, part.speed))
         for j in range(steps):
             middle = x + later * h * v
             drive = drives.told[k * steps + j] - drives.kp * middle - ki * (summed + later * h * x)
@@ -125,6 +126,7 @@ def advance_arrays(
             drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
             drive -= pulled + (j + later) * pull
             drive -= _times(bend, middle - (place + (j + later) * move))
+            drive -= _times(swerve, v - (speed + (j + later) * gain))
             acts = h * drive
             faster = v + _times(inverse, acts - held - slowed)
             for _ in range(SWEEPS):

@@ -79,7 +79,10 @@ class Carried(Change):
     def summary(self) -> str:  # type: ignore[override]
         """What it is, in words."""
         which = "the last body" if self.body < 0 else "this body"
-        return f"{which} carries a load that the file does not have, or its masses are off by it"
+        return (
+            f"{which} carries a load that the file does not have, or its masses are off by it; what inertia it has of "
+            "its own may stand in the motor inertia of joints that carry it"
+        )
 
     @property
     def _scale(self) -> Array:

@@ -42,6 +42,7 @@ from elid_cli.estimation.trajectory.identification import (
 from elid_cli.estimation.trajectory.late_joints import believed
 from elid_cli.estimation.trajectory.simulator_steps import runs_in_time
 from elid_cli.estimation.trajectory.softening import columns_of
+from elid_cli.estimation.trajectory.timing_doubts import as_doubtful
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import as_acting, with_drives, with_filters
@@ -105,7 +106,7 @@ def diagnose_motion(
     signals, found = acting, found if acting is signals and robot is described else None
     effects, amplitudes = declared_along(robot, runs[0])
     runs = believed(robot, runs, started_from(robot, signals), (effects, amplitudes))
-    runs = runs_in_time(robot, signals, runs, started_from(robot, signals), (effects, amplitudes))
+    runs, timed = runs_in_time(robot, signals, runs, started_from(robot, signals), (effects, amplitudes))
     higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
     if higher is not None:
         robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None
@@ -115,6 +116,8 @@ def diagnose_motion(
     if higher is not None and higher.before is not None:
         whole = replace(whole, done=replace(whole.done, before=higher.before))
     done = whole.done
+    if timed is not None:
+        done = replace(done, before=as_doubtful(done.before, timed), after=as_doubtful(done.after, timed))
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)

@@ -40,6 +40,12 @@ class Found:
     """What does as well as these."""
 
     @property
+    def items(self) -> int:
+        """How many effects they are: of single joints one each, a load or a tilt one."""
+        whole = sum(int(change.sure.sum()) if change.by.joints else 1 for change in self.changes)
+        return whole + int(self.scaled.sum()) + len(self.done.named)
+
+    @property
     def rates(self) -> Array:
         """Integral over proportional gain of every joint's drive beyond what is declared, 1/s, (n,)."""
         found: Array = np.sum([np.zeros(self.robot.n), *(change.rates for change in self.changes)], axis=0)

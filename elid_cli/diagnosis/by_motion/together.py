@@ -136,15 +136,17 @@ class Together:
         None where it is sure of none.
         """
         joints = tuple(range(robot.n))
-        one = self._with(robot, kind.of(joints))
+        one, own = self._with(robot, kind.of(joints)), kind.of(joints).count
         held = self.fit.unknowns.delays if kind.common else slice(0)
-        alone = Beside.of(self.fit, one.by.moved(self.fit, robot, one.values), held)
-        steps, deviations = (
-            part[len(one.values) - kind.of(joints).count :] for part in (alone.steps, alone.deviations)
-        )
+        moved = one.by.moved(self.fit, robot, one.values)
+        alone = Beside.of(self.fit, moved, held)
+        steps, deviations = (part[len(one.values) - own :] for part in (alone.steps, alone.deviations))
         may = may_be_late(self.fit, steps, deviations) if kind.common else np.ones(robot.n, dtype=bool)
         steps = beyond_common(self.fit, steps) if kind.common else steps
         left = tuple(k for k in joints if not kind.local or (may[k] and abs(steps[k]) > HINTED * deviations[k]))
+        if not left and own == robot.n and not kind.common:
+            # numbers of several joints that move it alike are sure of none beside each other
+            return self._one_of(robot, plain, kind, self._hinted(moved, own))
         while left:
             one = self._with(robot, kind.of(left))
             found = descended(one, plain, self.fit)
@@ -160,6 +162,27 @@ class Together:
                 return self._fewer(both, robot, plain, kind, left)
             left = kept
         return None
+
+    def _hinted(self, moved: Sequence[Array], own: int) -> list[int]:
+        """Return the joints, whose numbers are the last ones of those that move the positions, that alone are sure."""
+        first = moved[0].shape[2] - own
+        found = []
+        for k in range(own):
+            kept = [*range(first), first + k]
+            alone = Beside.of(self.fit, [part[:, :, kept] for part in moved])
+            found += [k] if abs(alone.steps[-1]) > HINTED * alone.deviations[-1] else []
+        return found
+
+    def _one_of(
+        self, robot: Robot, plain: Sequence[Run], kind: Kind, joints: Sequence[int]
+    ) -> tuple[Together, list[Together]] | None:
+        """Return changes with one more of a single joint, the one that comes nearest, and others that do as well."""
+        tried = [descended(self._with(robot, kind.of((k,))), plain, self.fit) for k in joints]
+        found = sorted((one for one in tried if one is not None), key=lambda one: -nearer_by(one.fit, self.fit))
+        found = [one for one in found if abs(Together.of(one, plain).changes[-1].values[0]) > kind.least]
+        near = [one for one in found if nearer_by(found[0].fit, one.fit) < CLEARLY]
+        every = [Together.of(one, plain) for one in near]
+        return (every[0], every[1:]) if every and every[0].changes[-1].sure.any() else None
 
     def _fewer(
         self, both: Together, robot: Robot, plain: Sequence[Run], kind: Kind, joints: Sequence[int]

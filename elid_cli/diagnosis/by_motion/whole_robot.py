@@ -152,8 +152,12 @@ def _goes_before(asked: Together, gains: Gains, plain: Found) -> bool:
 
 
 def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
-    """Return what a search finds where one other body's masses are off, if that leaves noise alone and the rest not."""
-    may = log.may(effect_that(local=True, whole_robot=True)) and log.is_left(found.done.after, HIDING)
+    """Return what a search finds where one other body's masses are off, if that leaves noise alone and the rest not.
+
+    Or if it does as well in place of several effects.
+    """
+    doubted = log.is_left(found.done.after, HIDING) or found.items > 1
+    may = log.may(effect_that(local=True, whole_robot=True)) and doubted
     change = other_load_of(plain.plain) if may else None
     if change is None or not change.is_nearer(plain.plain):
         return found
@@ -162,7 +166,10 @@ def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
         return found
     other, _ = _by_asked(plain, log, asked, ())
     found = replace(found, done=replace(found.done, tried=found.done.tried + plain.robot.n - 1))
-    if not other.changes or not clearly_nearer(other.done.after, found.done.after):
+    if not other.changes:
+        return found
+    as_near = other.items < found.items and not clearly_nearer(found.done.after, other.done.after)
+    if not as_near and not clearly_nearer(other.done.after, found.done.after):
         return found
     return replace(other, done=replace(other.done, tried=other.done.tried + found.done.tried))
 

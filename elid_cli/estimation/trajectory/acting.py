@@ -138,6 +138,7 @@ def scene_along(robot: Robot, x: Array, v: Array, local: Local, dt: float, param
     a = np.gradient(v, dt, axis=0)
     need = np.einsum("nij,nj->ni", local.mass[:, 0], a) + local.force[:, 0]
     need += np.einsum("nij,nj->ni", local.slope[:, 0], x - local.place[:, 0])
+    need += np.einsum("nij,nj->ni", local.swerve[:, 0], v - local.speed[:, 0])
     motion = Motion(t, x[:, :n], v[:, :n], a[:, :n], x[:, motors], v[:, motors],
                     a[:, motors])  # fmt: skip
     load, stiffness = need[:, :n], np.full(n, np.nan)

@@ -114,12 +114,16 @@ def _left(
 
 
 def moved_by_runs(fit: TrajectoryFit, changed: Sequence[Callable[[Run], Run]]) -> list[Array]:
-    """Return by how much L changes of what drives a fit's stretches move their positions, rad (m), (N, n, L) each."""
+    """Return by how much L changes of what drives a fit's stretches move their positions, rad (m), (N, n, L) each.
+
+    The equations stay those about the fit's motion, as in the columns of its unknowns: what both move alike, such as
+    a joint by its drive's gain and by its inertia, is alike at the joints that it is coupled to then.
+    """
     own = fit.unknowns
     equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
 
     def off(item: Tracked, run: Run) -> Array:
-        return simulated(equations, replace(item, run=run), own, fit.z, parameters, plain=True).error
+        return simulated(equations, replace(item, run=run), own, fit.z, parameters, plain=True, rounds=1).error
 
     found = []
     for item in fit.tracked:

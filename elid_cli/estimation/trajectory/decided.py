@@ -14,8 +14,10 @@ from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted_with_column
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.softening import Refit, columns_of, softened
-from elid_cli.estimation.trajectory.unknowns import Unknowns, started
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns, started
+from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
@@ -28,6 +30,10 @@ LITTLE = 1e-3
 """Part of the value that a fit began with which is as good as none."""
 AGAIN = (2e-2, 0.0)
 """Width, rad/s (m/s), and lead, s, of soft friction that a fit begins anew with."""
+NEXT = 0.05
+"""Part of what a fit may begin with which is next to none."""
+PART = 0.1
+"""Part of a joint's own inertia, torque and damping gain that inertia, friction and viscous friction begin with."""
 AHEAD = 8.0
 """The same of one that is negative …"""
 NEARER = 0.2
@@ -84,6 +90,13 @@ def fit_with_columns(
     unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs), len(effects))
     z = started(unknowns, start, amplitudes)
     fit, columns = late_or_prompt(unknowns, [Tracked.of(run) for run in runs], z, late=late, tell=tell)
+    if _lost(fit, start):
+        z[: unknowns.drives] = _plausible(fit, start).ravel()
+        try:
+            again = late_or_prompt(unknowns, [Tracked.of(run) for run in runs], z, late=late)
+        except DataError:
+            again = fit, columns
+        fit, columns = again if _nearer(again[0], fit) else (fit, columns)
     if not soft:
         return fit, columns
 
@@ -93,17 +106,38 @@ def fit_with_columns(
 
     softer = softened(fit, refit, columns)
     if _lost(softer, start):
-        softer = _found_again(softer, fit, start, refit)
+        softer = _found_again(softer, fit, _plausible(fit, start), refit)
     return softer, columns if softer is fit else columns_of(softer)
 
 
 def _lost(fit: TrajectoryFit, start: Array) -> bool:
-    """Whether a fit that leaves more than noise ended with hardly any armature, or no viscous friction, at a joint.
+    """Whether a fit ended with hardly any armature, or no viscous friction, at a joint, and leaves more than noise.
 
-    `start` is where it began, (n, 4).
+    Or began and ended with next to none, as least squares of few samples per second may say. `start` is where it began,
+    (n, 4).
     """
     none = fit.shown[:, [0, 2]] & (fit.values[:, [0, 2]] <= LITTLE * start[:, [0, 2]])
-    return bool(none.any()) and has_memory(fit.equations)
+    if none.any() and has_memory(fit.equations):
+        return True
+    least = NEXT * _plausible(fit, start)[:, :3]
+    return bool((fit.shown[:, :3] & (np.maximum(start, fit.values)[:, :3] < least)).any())
+
+
+def _plausible(fit: TrajectoryFit, start: Array) -> Array:
+    """Return drive parameters to begin with, (n, 4), none of which is 0: parts of what moves the joints.
+
+    Least squares of a log of few samples per second may say anything.
+    """
+    item, values = fit.tracked[0], start.copy()
+    local, drives = item.equations(Linearised(fit.unknowns.robot, without=PARAMETERS)), item.run.drives
+    motors = coordinates_of(fit.unknowns.robot).motors
+    mass = np.diagonal(local.mass[:, 0], axis1=1, axis2=2).mean(axis=0)[motors]
+    pulled = (
+        drives.told.reshape(len(item.x) - 1, -1, *drives.told.shape[1:]).mean(axis=1) - drives.kp * item.run.near[:-1]
+    )
+    sizes = np.stack([mass, np.sqrt(np.nanmean(pulled**2, axis=0)), np.maximum(drives.kd, 0.0)], axis=1)
+    values[:, :3] = np.maximum(values[:, :3], PART * sizes)
+    return values
 
 
 def _found_again(lost: TrajectoryFit, hard: TrajectoryFit, start: Array, refit: Refit) -> TrajectoryFit:
@@ -115,7 +149,11 @@ def _found_again(lost: TrajectoryFit, hard: TrajectoryFit, start: Array, refit: 
     own = hard.unknowns
     shapes = {joint: AGAIN for joint in range(own.robot.n) if joint not in own.soft}
     found = softened(hard, refit, shapes=shapes, start=start)
-    return found if np.log(lost.equations.size / found.equations.size).sum() > NEARER else lost
+    return found if _nearer(found, lost) else lost
+
+
+def _nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
+    return float(np.log(other.equations.size / one.equations.size).sum()) > NEARER
 
 
 def late_or_prompt(

@@ -83,6 +83,10 @@ class TrajectoryFit:
     """Whether a simulator's steps with implicit damping of the drives explain the motion as well as explicit ones."""
     ahead: float = 0.0
     """By how much drives act before they are told without a simulator's steps that show, s: the errors count it."""
+    loops: tuple[int, ...] = ()
+    """How often per sample loops that hold their torque may run as well: the errors count it."""
+    shifts: tuple[Array, ...] = ()
+    """By how much drive parameters are other than here for one of these reasons, (n * 4,) each."""
     held: TrajectoryFit | None = None
     """The fit with friction that holds a joint at rest, of one in which it was found to fade in at some joints."""
 

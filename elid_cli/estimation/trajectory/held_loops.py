@@ -20,6 +20,8 @@ from elid_cli.estimation.trajectory.changes import CLEARLY, SURE, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.timing_doubts import counting
+from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops
 from elid_cli.model.runs import Run
@@ -30,11 +32,18 @@ from elid_cli.signals.signals import Signals
 NEAR = 2.0
 """Times the encoders' noise, at any joint, up to which loops are asked for: where more is left, something else is
 missing."""
+FAR = 10.0
+"""The same where a joint's viscous friction is held at 0, which is a sign of them: without its friction a fit cannot
+come nearer."""
+NONE = 1e-3
+"""Part of what holding may take from viscous friction up to which that is held at 0."""
 AT_NOISE = 1.03
 """The same up to which nothing else is left."""
 WHOLE = 0.25
 """Part of a period by which a delay may be off a whole number of periods: a loop that runs at the log's instants is
 told its commands at these."""
+ALWAYS = 0
+"""Said of loops that act all the time."""
 OFTEN = 2, 4, 5, 8, 10
 """How often in a sample loops may run, beside once."""
 SHORTEST = 1.9e-3
@@ -45,6 +54,8 @@ LITTLE = 0.01
 nearer: two integrators of the same plant differ by up to a third of it."""
 FIRMLY = 5.0
 """Times what counts as clear by which loops that act all the time must be nearer for the others to be ruled out."""
+BENT = 0.3
+"""Part of a value that loops which may hold must change for a warning."""
 SHOWN, SMALL = 3.0, 0.03
 """Standard errors, and part of a value, beyond which a change is worth asking for."""
 
@@ -64,6 +75,25 @@ def matters(fit: TrajectoryFit, recording: Recording) -> NDArray[np.bool_]:
     return found
 
 
+def loops_bend(fit: TrajectoryFit, recording: Recording) -> bool:
+    """Whether loops that hold, which the motion says nothing of, would bend inertia or viscous friction much."""
+    if fit.at_once or any(not _plain(item.run) for item in fit.tracked):
+        return False
+    values = fit.values[:, [0, 2]]
+    return bool((matters(fit, recording) & (less_by_holding(recording) > BENT * values)).any())
+
+
+def _plain(run: Run) -> bool:
+    return run.drives.held is None and run.drives.stepped is None
+
+
+def at_bound(fit: TrajectoryFit) -> NDArray[np.bool_]:
+    """Return the joints whose viscous friction is held at 0 where loops that hold would take it away, (n,)."""
+    run, viscous = fit.tracked[0].run, fit.values[:, KINDS.index("viscous")]
+    found: NDArray[np.bool_] = fit.shown[:, 2] & (viscous <= NONE * 0.5 * run.dt * run.drives.kp) & (run.drives.kp > 0)
+    return found
+
+
 def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | None = None) -> TrajectoryFit:
     """Return the fit under drives that hold their torque, for a sample or a part of it, where that is clearly nearer.
 
@@ -75,29 +105,70 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     recording = signals.recording
     above = fit.above_noise(signals)
     declared = declared_loops(fit.unknowns.robot).any() or any(item.run.drives.held is not None for item in fit.tracked)
-    if recording is None or recording.smooth or declared or (above > NEAR).any() or not matters(fit, recording).any():
+    most = FAR if at_bound(fit).any() else NEAR
+    if recording is None or recording.smooth or declared or (above > most).any() or not matters(fit, recording).any():
         return fit  # drives that are told more often than is logged act more often, too
-    once = _of_loops(free, 1, recording.dt)
-    best = once
-    if (often := _foreseen(free, once, recording.dt)) > 1:
-        again = _of_loops(free, often, recording.dt)
-        best = again if best is None or (again is not None and nearer_by(again, best) > 0) else best
-    if best is None:
+    tried = _every(free, recording.dt) if at_bound(free).any() else _foreseen(free, recording.dt)
+    if not tried:
         return fit
+    once, near = tried.get(1), max(nearer_by(one, free) for one in tried.values())
+    # of those that are as near the one that runs least often: at the log's rate, if it may be
+    alike = {often: one for often, one in tried.items() if nearer_by(one, free) > near - LITTLE}
+    often, best = min(alike.items(), key=lambda item: item[0])
     least = 0.0 if best is once else LITTLE
-    if all(clearly_nearer(best, one) and nearer_by(best, one) > least for one in (fit, free)):
-        return best
+    clear = all(clearly_nearer(best, one) and nearer_by(best, one) > least for one in (fit, free))
+    if not clear and at_bound(free).any() and nearer_by(best, free) > 0:  # no joint is without any friction
+        clear, alike[ALWAYS] = True, free
+    if clear:
+        return _counting_others(best, alike, often)
     by = -np.inf if once is None else nearer_by(once, free)
     return replace(fit, at_once=bool(best is once and by < -FIRMLY * least_of(fit) and (above <= AT_NOISE).all()))
 
 
-def _foreseen(fit: TrajectoryFit, once: TrajectoryFit | None, dt: float) -> int:
-    """Return how often in a sample loops run by the squared errors of ones that run always, twice, and once; 0: none.
+def _counting_others(best: TrajectoryFit, alike: dict[int, TrajectoryFit], often: int) -> TrajectoryFit:
+    """Return a fit whose errors count the farthest of those that are as near, by how often their loops run."""
+    drives, others = best.unknowns.drives, tuple(sorted(alike.keys() - {often}))
+    moved = [one.z[:drives] - best.z[:drives] for one in alike.values()]
+    return replace(counting(best, [max(moved, key=lambda by: float(np.abs(by).max()))]), loops=others)
 
-    Of the allowed numbers it is the one nearest to the bottom of the parabola through the three.
+
+def nearest_loops(fit: TrajectoryFit) -> TrajectoryFit:
+    """Return the fit under drives that hold their torque so often that it is nearest, or the given one if that is."""
+    if any(item.run.drives.held is not None for item in fit.tracked):
+        return fit
+    return max([fit, *_every(fit, fit.tracked[0].run.dt).values()], key=lambda one: nearer_by(one, fit))
+
+
+def _allowed(dt: float) -> list[int]:
+    """Return how often in a sample loops may run, beside once."""
+    return [often for often in OFTEN if dt / often >= SHORTEST]
+
+
+def _fits(fit: TrajectoryFit, dt: float, every: Sequence[int]) -> dict[int, TrajectoryFit]:
+    found = {often: _of_loops(fit, often, dt) for often in every}
+    return {often: one for often, one in found.items() if one is not None}
+
+
+def _every(fit: TrajectoryFit, dt: float) -> dict[int, TrajectoryFit]:
+    """Return the fits under loops that run as often per sample as may be, by how often."""
+    return _fits(fit, dt, (1, *_allowed(dt)))
+
+
+def _foreseen(fit: TrajectoryFit, dt: float) -> dict[int, TrajectoryFit]:
+    """Return the fits under loops that run once per sample, twice, and as often as these foresee.
+
+    Of the allowed numbers that is the one nearest to the bottom of the parabola through the squared errors of ones
+    that run always, twice, and once.
     """
-    allowed = [often for often in OFTEN if dt / often >= SHORTEST]
-    twice = _of_loops(fit, 2, dt) if allowed else None
+    allowed = _allowed(dt)
+    found = _fits(fit, dt, (1, *allowed[:1]))
+    often = _bottom(fit, found, allowed)
+    return found if often in (0, *found) else found | _fits(fit, dt, (often,))
+
+
+def _bottom(fit: TrajectoryFit, found: dict[int, TrajectoryFit], allowed: Sequence[int]) -> int:
+    """Return how often in a sample loops run by the squared errors of ones that run always, twice and once; 0: none."""
+    once, twice = found.get(1), found.get(2)
     if twice is None or once is None:
         return allowed[-1] if allowed and once is None else 0
     start, middle, end = (float(np.sum((one.equations.size / fit.equations.size) ** 2)) for one in (fit, twice, once))
@@ -128,8 +199,13 @@ def _of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None
     periods = fit.delays * often / dt
     if (np.abs(periods - np.round(periods)) > WHOLE).any():
         return None
-    times = often * np.any([item.run.drives.kp > 0 for item in fit.tracked], axis=0).astype(float)
-    return refitted(fit, [item.run.holding(times) for item in fit.tracked], fit.z)
+    drives = [item.run.drives for item in fit.tracked]
+    times = often * np.any([own.kp > 0 for own in drives], axis=0).astype(float)
+    z = fit.z.copy()
+    for kind, gains in (("inertia", [own.kd for own in drives]), ("viscous", [own.kp for own in drives])):
+        # what holding takes from them: without, as where a fit's friction is held at 0, the motion may run away
+        z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] += 0.5 * dt / often * np.mean(gains, axis=0)
+    return refitted(fit, [item.run.holding(times) for item in fit.tracked], z)
 
 
 def refitted(fit: TrajectoryFit, runs: Sequence[Run], z: Array) -> TrajectoryFit | None:

@@ -45,6 +45,7 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt
 from elid_cli.estimation.trajectory.words import (
     bodies_words,
+    bound_words,
     difference_words,
     doubt_words,
     filter_words,
@@ -315,6 +316,7 @@ def identification_of(
     slow = {name: time for name, time in zip(robot.joint_names, times, strict=True) if time}
     explained = not bodies and not slow and is_at_noise(above, fit)
     known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies), "velocity_filters": slow}
+    loops, warned = loop_words(robot, fit, signals, moves)
     told = by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),
         error=error,
@@ -322,10 +324,9 @@ def identification_of(
         delays=np.zeros(robot.n),
         nuisances=(*channel_faults(robot, fit, moves[:, 3]), *faults_of_time(robot, fit)),
         effects=fitted_effects(robot, fit),
-        notes=(note, *apart, *doubt_words(robot, fit), *loop_words(robot, fit, signals, moves),
-               *step_words(robot, fit)),
+        notes=(note, *apart, *doubt_words(robot, fit), *loops, *step_words(robot, fit)),
         settings={**settings_of(found, fit, moves), **known},
-        warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit)),
+        warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit), *bound_words(robot, fit), *warned),
         model="sufficient" if explained else "insufficient" if slow else model,
         insufficient=() if explained else found.insufficient,
         noise=() if explained else found.noise,

@@ -35,15 +35,19 @@ class Nearer:
     one is nearer, 0 where neither is clearly."""
     at_noise: bool
     """Whether the nearer of them leaves about the encoders' noise at every joint."""
+    bound: bool
+    """Whether the other leaves a joint no viscous friction, as loops that hold their torque would."""
     delays: tuple[float, float]
     """By how much the motion is late against the commands of each, the mean over recordings, s."""
 
 
-def nearer_by_motion(robot: Robot, one: Signals, other: Signals) -> Nearer | None:
+def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool = False) -> Nearer | None:
     """Return which version of a log the motion is nearer to; None where it cannot be simulated.
 
-    Declared effects of another shape are left out, and of a long log its middle is looked at.
+    Declared effects of another shape are left out, and of a long log its middle is looked at. With `loops` the one's
+    drives hold their torque where the motion is nearer so.
     """
+    from elid_cli.estimation.trajectory.held_loops import at_bound, nearest_loops
     from elid_cli.estimation.trajectory.simulator_steps import with_steps
     from elid_cli.estimation.trajectory.unasked import is_known, seconds, without_shapes
     from elid_cli.model.effects.posed import posed
@@ -57,6 +61,8 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals) -> Nearer | Non
         fits = [with_steps(_fit(robot, posed(robot), log, part), log) for log in (one, other)]
     except (DataError, LogError, RobotError):
         return None
+    if loops:
+        fits[0] = nearest_loops(fits[0])
     by = float(np.log(fits[0].equations.size / fits[1].equations.size).sum())
     count = max(sum(int(item.counts.sum()) for item in fits[0].tracked), 1)
     alone = not all(has_memory(fit.equations) for fit in fits)
@@ -64,7 +70,7 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals) -> Nearer | Non
     near, log = (fits[1], other) if by > 0 else (fits[0], one)
     left = bool((near.above_noise(log) < ABOVE).all())
     first, second = (float(fit.delays.mean()) for fit in fits)
-    return Nearer(by if abs(by) > least else 0.0, left, (first, second))
+    return Nearer(by if abs(by) > least else 0.0, left, bool(at_bound(fits[1]).any()), (first, second))
 
 
 def _fit(robot: Robot, standing: Robot, log: Signals, part: float) -> TrajectoryFit:

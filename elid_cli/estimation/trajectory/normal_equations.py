@@ -46,6 +46,8 @@ class Tracked:
     x: Array
     v: Array
     local: Local | None = None
+    measured: bool = True
+    """Whether the present motion is the measured one, whose accelerations are mostly noise."""
     finer: Array | float = 0.0
     """What shorter steps change of the simulated positions, rad (m), (N, n)."""
     usual: Array | float = 1.0
@@ -65,12 +67,14 @@ class Tracked:
     @property
     def is_near(self) -> bool:
         """Whether the present motion is near the one that the equations are about."""
-        return self.local is not None and bool(np.sqrt(np.mean((self.x - self.local.place[:, 0]) ** 2)) <= NEAR)
+        if self.local is None or not (self.local.curved or self.measured):
+            return False
+        return bool(np.sqrt(np.mean((self.x - self.local.place[:, 0]) ** 2)) <= NEAR)
 
     def equations(self, about: Linearised) -> Local:
         """Return the equations about a motion near the present one."""
         if self.local is None or not self.is_near:
-            self.local = about.about(self.x[:, None], self.v[:, None])
+            self.local = about.about(self.x[:, None], self.v[:, None], None if self.measured else self.run.dt)
         return self.local
 
 
@@ -168,7 +172,7 @@ def _stepped(
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
     x, v = x[:, :, 0], v[:, :, 0]
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
-    item.x, item.v = kept, np.where(kept == x[:, 0], v[:, 0], item.v)
+    item.x, item.v, item.measured = kept, np.where(kept == x[:, 0], v[:, 0], item.v), False
     return x, v, steps, still
 
 

@@ -15,10 +15,13 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.result import Nuisance
+from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.held_loops import AT_NOISE, clearly_nearer, loops_of, refitted, with_held_loops
+from elid_cli.estimation.trajectory.timing_doubts import as_doubtful, counting
 from elid_cli.estimation.trajectory.unknowns import KINDS
+from elid_cli.estimation.trajectory.velocity_filters import filters_in_doubt, velocity_filters
 from elid_cli.model.drives import Stepped
 from elid_cli.model.effects import effect_that, of_drives
 from elid_cli.model.effects.effect import Effect
@@ -36,7 +39,9 @@ HALF = 0.1
 USUAL = 1, 2, 4, 5, 10
 """Steps per sample that are tried beside drives that act later than they are told, where more than noise is left."""
 SURE, LEAST = 3.0, 0.01
-"""Standard errors, and part of a sample, by which drives act before they are told for that to count."""
+"""Standard errors, and part of a sample, by which drives act before they are told for that to count …"""
+SLIGHT = 5e-5
+"""… and s from which standard errors count it in any case."""
 
 
 def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
@@ -50,13 +55,20 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     free = fit if fit.delays.any() else refitted(fit, [item.run for item in fit.tracked], fit.z)
     free = fit if free is None else free
     stepped = with_steps(free, signals)
-    if stepped is not free and clearly_nearer(stepped, fit):
-        return stepped
+    in_steps = stepped is not free and clearly_nearer(stepped, fit)
     looped = with_held_loops(fit, signals, free)
     if looped.tracked is not fit.tracked:
-        stepped = with_steps(looped, signals)
-        return stepped if stepped is not looped else _in_doubt(looped, looped, signals)
-    return _in_doubt(looped, free, signals)
+        # a filter of the velocity makes inertia and friction come out too small as well
+        filtered = velocity_filters(free)
+        if filtered is not None and nearer_by(filtered.fit, looped) > 0:
+            return filters_in_doubt(_in_doubt(fit, free, signals), filtered)
+    if looped.tracked is fit.tracked:
+        return stepped if in_steps else _in_doubt(looped, free, signals)
+    both = with_steps(looped, signals)
+    both = both if both is looped else as_doubtful(both, looped)
+    if in_steps and not clearly_nearer(both, stepped):
+        return stepped
+    return both if both is not looped else _in_doubt(looped, looped, signals)
 
 
 def with_steps(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
@@ -79,7 +91,7 @@ def _asked(fit: TrajectoryFit, signals: Signals) -> list[int]:
     few = [each for each in range(1, STEPS + 1) if dt / each >= FINEST]
     places = {each: late * each / dt + 0.5 for each in few}
     near = {each: np.abs(place - np.round(place)).max() for each, place in places.items()}
-    if _lead(fit, dt):
+    if _lead(fit, LEAST * dt):
         ahead = [each for each in few if near[each] < HALF and not np.round(places[each]).any()]
         return sorted(ahead, key=lambda each: float(near[each]))[:1]
     if not (fit.above_noise(signals) > AT_NOISE).any():
@@ -97,10 +109,10 @@ def _late(fit: TrajectoryFit) -> Array:
     return found
 
 
-def _lead(fit: TrajectoryFit, dt: float) -> float:
-    """Return by how much drives clearly act before they are told, s; 0 where they do not."""
+def _lead(fit: TrajectoryFit, least: float) -> float:
+    """Return by how much, of at least so many s, drives clearly act before they are told, s; 0 where they do not."""
     late, error = _late(fit), fit.deviation[fit.unknowns.delays]
-    return float(-late.mean()) if np.all(late < -np.maximum(SURE * error, LEAST * dt)) else 0.0
+    return float(-late.mean()) if np.all(late < -np.maximum(SURE * error, least)) else 0.0
 
 
 def _gains(fit: TrajectoryFit) -> Array:
@@ -135,7 +147,11 @@ def _damped(fit: TrajectoryFit) -> TrajectoryFit:
     other = refitted(fit, [item.run.stepping("implicit", step) for item in fit.tracked], z)
     if other is None or clearly_nearer(fit, other):
         return fit
-    return other if clearly_nearer(other, fit) else replace(fit, either=True)
+    if clearly_nearer(other, fit):
+        return other
+    less = np.zeros(fit.unknowns.drives)
+    less[:: len(KINDS)] = step * _gains(fit)
+    return replace(counting(fit, (less,)), either=True)
 
 
 def step_of(run: Run) -> float:
@@ -149,20 +165,21 @@ def _in_doubt(fit: TrajectoryFit, free: TrajectoryFit, signals: Signals) -> Traj
     `free` is the fit with a delay, where the given one has none: what that moves counts, too.
     """
     recording = signals.recording
-    lead = 0.0 if recording is None or recording.smooth else _lead(free, recording.dt)
+    lead = 0.0 if recording is None or recording.smooth else _lead(free, min(LEAST * recording.dt, SLIGHT))
     if not lead or of_drives.has_steps(fit.unknowns.robot):
         return fit
-    moved = free.z - fit.z
-    moved[fit.unknowns.delays] = 0.0
-    moved[0 : fit.unknowns.drives : len(KINDS)] += lead * _gains(fit)
-    return replace(fit, covariance=fit.covariance + np.outer(moved, moved), ahead=lead)
+    moved = (free.z - fit.z)[: fit.unknowns.drives]
+    moved[:: len(KINDS)] += lead * _gains(fit)
+    return replace(counting(fit, (moved,)), ahead=lead)
 
 
 def runs_in_time(
     robot: Robot, signals: Signals, runs: Sequence[Run], start: Array,
     declared: tuple[Sequence[Effect], Sequence[float]],
-) -> list[Run]:  # fmt: skip
+) -> tuple[list[Run], TrajectoryFit | None]:  # fmt: skip
     """Return stretches with loops that hold their torque, or a simulator's steps, where a fit is clearly nearer so.
+
+    With the fit, which knows what is in doubt; None where the simulated motion runs away.
 
     Parameters
     ----------
@@ -174,8 +191,8 @@ def runs_in_time(
     try:
         fit = with_drives_in_time(fit_trajectory(robot, runs, start, *declared), signals)
     except DataError:
-        return list(runs)
-    return [_like(run, item.run) for run, item in zip(runs, fit.tracked, strict=True)]
+        return list(runs), None
+    return [_like(run, item.run) for run, item in zip(runs, fit.tracked, strict=True)], fit
 
 
 def _like(run: Run, other: Run) -> Run:

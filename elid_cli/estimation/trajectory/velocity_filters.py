@@ -85,11 +85,16 @@ def with_filters_in_doubt(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit
     filters may imitate.
     """
     above = fit.above_noise(signals)
+    if np.any(fit.filters):
+        return fit
     if declared_filters(fit.unknowns.robot).any() or not (above > LEFT).any() or (above > NEAR).any():
         return fit
     found = velocity_filters(fit)
-    if found is None or not found.is_nearer(fit):
-        return fit
+    return fit if found is None or not found.is_nearer(fit) else filters_in_doubt(fit, found)
+
+
+def filters_in_doubt(fit: TrajectoryFit, found: Changed) -> TrajectoryFit:
+    """Return a fit whose errors count filters that were found beside it."""
     moved, times = found.fit.z - fit.z, np.zeros(fit.unknowns.robot.n)
     times[list(found.by.joints)] = found.values
     return replace(fit, covariance=fit.covariance + np.outer(moved, moved), filters=times)

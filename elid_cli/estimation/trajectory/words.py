@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from elid_cli.errors import in_words
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.held_loops import less_by_holding, matters
+from elid_cli.estimation.trajectory.held_loops import at_bound, less_by_holding, loops_bend, matters
 from elid_cli.estimation.trajectory.settings import softness
 from elid_cli.estimation.trajectory.simulator_steps import step_of
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops, has_steps
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
 SHOWN = 3.0
@@ -28,6 +29,11 @@ HOLDS = (
     "times half {that}"
 )
 """Said of drives that were found to hold their torque."""
+OTHERS = (
+    "; loops of {others} come as near, and the standard errors count that (a held_loop declared in the robot file says "
+    "how long it is)"
+)
+"""Said of other periods that do as well."""
 STEPS = (
     "the log is simulated as that of a simulator, in semi-implicit Euler steps of {step:.3g} ms (MuJoCo's Euler), "
     "which the motion is clearly nearer to than to smooth motion; values are that simulator's own"
@@ -79,6 +85,18 @@ def filter_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
     )
 
 
+def bound_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return which joints come out without viscous friction, in a sentence; none where none does."""
+    joints = [robot.joint_names[k] for k in np.flatnonzero(at_bound(fit))]
+    if not joints:
+        return ()
+    return (
+        f"viscous friction of {in_words(joints)} comes out at 0, as it cannot be less: drives that hold their torque "
+        "or damp by a filtered velocity look so (held_loop and velocity_filter in the robot file), with too small a "
+        "motor inertia; the values are no ground for a simulator",
+    )
+
+
 def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
     """Return that the motion asks for other bodies than the file's, in a sentence; none where it does not."""
     if not bodies:
@@ -99,17 +117,29 @@ def _span(values: Iterable[float]) -> str:
     return least if least == most else f"{least} to {most}"
 
 
-def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return what is taken of the drives' loops, and what another would change, in a sentence where it is worth one."""
+def loop_words(
+    robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArray[np.bool_]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what is taken of the drives' loops, and what another would change, as a note, or as a warning."""
     recording = signals.recording
     assert recording is not None
+    told = _loop_words(robot, fit, recording, moves)
+    return ((), told) if loops_bend(fit, recording) else (told, ())
+
+
+def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: NDArray[np.bool_]) -> tuple[str, ...]:
     held = [(item.run.drives.held, item.run.dt) for item in fit.tracked if item.run.drives.held is not None]
     if held:
         often = round(float(held[0][0].max()))
         period = f"{1e3 * held[0][1] / often:.3g} ms"
         once = {"rate": "at the log's rate", "period": "a sample", "that": "a sample"}
         several = {"rate": f"{often} times per sample", "period": period, "that": "that"}
-        return () if declared_loops(robot).any() else (HOLDS.format(**(once if often == 1 else several)),)
+        if declared_loops(robot).any():
+            return ()
+        told = HOLDS.format(**(once if often == 1 else several))
+        others = in_words([f"{1e3 * held[0][1] / k:.3g} ms" if k else "no length (that act all the time)"
+                           for k in sorted(fit.loops, reverse=True)])  # fmt: skip
+        return (told + (OTHERS.format(others=others) if fit.loops else ""),)
     if fit.tracked[0].run.drives.stepped is not None:
         return ()
     less, matter = less_by_holding(recording), matters(fit, recording) & moves[:, [0, 2]]
@@ -124,7 +154,7 @@ def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArra
             said.append(f"{words} is larger by k{'dp'[place]} dt/2, {size}")
     return (
         "the drive's loop is taken to act all the time; where it is computed at the log's rate and its torque held for "
-        f"a sample, {' and '.join(said)}, which this motion does not tell apart",
+        f"a sample, {' and '.join(said)}, which this motion does not tell apart (held_loop in the robot file says so)",
     )
 
 

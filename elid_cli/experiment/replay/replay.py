@@ -244,7 +244,7 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
         """Return push and grip of all stretches, (2, N, S, m)."""
         both = np.zeros((2, *x.shape))
         for k in range(x.shape[1]):
-            own = Local(*(part[:, [k]] for part in (local.mass, local.force, local.slope, local.place)))
+            own = local.stretch(k)
             scene = scene_along(robot, x[:, k], v[:, k], own, dt, parameters, samples)
             known = [found for spec in specs if (found := declared(robot, spec, scene)) is not None]
             done = acting([effect for effect, _ in known], scene)

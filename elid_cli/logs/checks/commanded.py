@@ -101,6 +101,11 @@ def commanded_torque(
         notes.append("no velocity is logged: differences of the positions are used for the drives")
     tau = gains["kp"] * (told["q_des"] - q) + gains["kd"] * (_known(told.get("dq_des"), q) - dq)
     tau += _known(told.get("tau_ff"), q)
+    off = ~np.any(np.abs(np.nan_to_num(tau)) > 0, axis=0) & np.isfinite(tau).any(axis=0)
+    if off.any():
+        tau[:, off] = np.nan
+        who = " ".join(name for name, here in zip(robot.joint_names, off, strict=True) if here)
+        notes.append(f"the drive of {who} is off, kp and kd are 0 throughout: its torque counts as not recorded")
     bounds = robot.torque_limits
     cut = np.count_nonzero(np.abs(tau) > bounds, axis=0)
     for j in np.flatnonzero(cut).tolist():

@@ -84,8 +84,8 @@ def test_loops_that_act_all_the_time_are_not_called_held(tmp_path: Path, capsys:
     log = written(tmp_path, "noisy.h5", noisy)
     line = ["identify", log, "--robot", str(robot(tmp_path).source), "--fit", "trajectory", "--json"]
     assert main(line) == 0
-    notes = json.loads(capsys.readouterr().out)["notes"]
-    assert any("which this motion does not tell apart" in note for note in notes)
+    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    assert any("which this motion does not tell apart" in line for line in warnings)
 
 
 def test_a_search_has_the_loops_that_the_motion_shows(tmp_path: Path) -> None:
@@ -114,12 +114,13 @@ def _motions(arm: Robot, run: Run) -> list[np.ndarray]:
     local = equations.about(run.near[:, None], np.gradient(run.near, run.dt, axis=0)[:, None])
     assert coordinates_of(arm).count == 3
     drives = run.drives
-    parts = (
+    more = (
         None if part is None else part[None, None] for part in (drives.ki, drives.smoothing, drives.held, drives.lag)
     )
-    alone = Drives(drives.told[:, None, None], drives.kp[None, None], drives.kd[None, None], drives.limit, *parts)
+    alone = Drives(drives.told[:, None, None], drives.kp[None, None], drives.kd[None, None], drives.limit, *more)
     values = (np.array(part)[None, None, None] for part in (ARMATURE, COULOMB, VISCOUS, np.zeros(3)))
     joints = Joints(*values)
     start = tuple(part[None, None] for part in run.start)
-    shaped = type(local)(*(part[:, :, None] for part in (local.mass, local.force, local.slope, local.place)))
+    parts = (local.mass, local.force, local.slope, local.swerve, local.place, local.speed)
+    shaped = type(local)(*(part[:, :, None] for part in parts))
     return [step(shaped, start, alone, joints, run.dt)[0] for step in (advance, advance_arrays)]

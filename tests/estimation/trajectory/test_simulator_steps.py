@@ -165,7 +165,8 @@ def test_loops_and_arrays_step_alike(tmp_path: Path, how: str, often: float) -> 
     own = [np.array(part)[None, None, None] for part in (ARMATURE, 0.5 * COULOMB, VISCOUS, np.zeros(3))]
     fading = Fading(own[1], np.full_like(own[1], 0.02), np.full_like(own[1], 0.009))
     start = tuple(part[None, None] for part in run.start)
-    shaped = type(local)(*(part[:, :, None] for part in (local.mass, local.force, local.slope, local.place)))
+    parts = (local.mass, local.force, local.slope, local.swerve, local.place, local.speed)
+    shaped = type(local)(*(part[:, :, None] for part in parts))
     for joints in (Joints(*own), Joints(*own, fading=fading)):
         by_loops, by_arrays = (step(shaped, start, alone, joints, DT)[0] for step in (advance, advance_arrays))
         np.testing.assert_allclose(by_loops, by_arrays, atol=1e-9)
