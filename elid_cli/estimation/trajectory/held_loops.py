@@ -105,10 +105,12 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     recording = signals.recording
     above = fit.above_noise(signals)
     declared = declared_loops(fit.unknowns.robot).any() or any(item.run.drives.held is not None for item in fit.tracked)
-    most = FAR if at_bound(fit).any() else NEAR
-    if recording is None or recording.smooth or declared or (above > most).any() or not matters(fit, recording).any():
+    bound = bool(at_bound(fit).any())
+    if recording is None or recording.smooth or declared or (above > (FAR if bound else NEAR)).any():
+        return fit
+    if not bound and not matters(fit, recording).any():
         return fit  # drives that are told more often than is logged act more often, too
-    tried = _every(free, recording.dt) if at_bound(free).any() else _foreseen(free, recording.dt)
+    tried = _every(free, recording.dt) if bound else _foreseen(free, recording.dt)
     if not tried:
         return fit
     once, near = tried.get(1), max(nearer_by(one, free) for one in tried.values())
@@ -194,10 +196,10 @@ def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
 def _of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None:
     """Return the fit under drives that compute their torque so many times per sample, and hold it.
 
-    None where their delay is no whole number of periods, or the simulated motion runs away.
+    None where their delay is no whole number of periods, unless friction is held at 0, or the motion runs away.
     """
-    periods = fit.delays * often / dt
-    if (np.abs(periods - np.round(periods)) > WHOLE).any():
+    periods, bound = fit.delays * often / dt, bool(at_bound(fit).any())
+    if not bound and (np.abs(periods - np.round(periods)) > WHOLE).any():
         return None
     drives = [item.run.drives for item in fit.tracked]
     times = often * np.any([own.kp > 0 for own in drives], axis=0).astype(float)
@@ -205,6 +207,8 @@ def _of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None
     for kind, gains in (("inertia", [own.kd for own in drives]), ("viscous", [own.kp for own in drives])):
         # what holding takes from them: without, as where a fit's friction is held at 0, the motion may run away
         z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] += 0.5 * dt / often * np.mean(gains, axis=0)
+    if bound:  # the delay makes up for friction that the fit may not have
+        z[fit.unknowns.delays] = np.round(periods) * dt / often
     return refitted(fit, [item.run.holding(times) for item in fit.tracked], z)
 
 

@@ -30,11 +30,17 @@ STEP = DT / 5
 TRUTH = {"Ja": ARMATURE, "fs": COULOMB, "fv": VISCOUS}
 
 
-def moved(seed: int, duration: float, step: float, *, implicit: bool = False) -> Recording:
-    """Return a log of the pendulums whose positions a simulator stepped, with the commands of the plant's own."""
+def moved(seed: int, duration: float, step: float, *, implicit: bool = False, every: int = 1) -> Recording:
+    """Return a log of the pendulums whose positions a simulator stepped, with the commands of the plant's own.
+
+    Commands change `every` so many samples, as those of a policy, that tell no rates then.
+    """
     log = plant.moved(seed, duration, noise=0.0)
     each = round(DT / step)
     h, q_des, dq_des = DT / each, log.commands["q_des"], log.commands["dq_des"]
+    if every > 1:
+        q_des, dq_des = q_des[np.arange(len(q_des)) // every * every], np.zeros_like(dq_des)
+        log = replace(log, commands={**log.commands, "q_des": q_des, "dq_des": dq_des})
     inertia = plant.INERTIA + plant.MASS * plant.REACH**2 + ARMATURE
     weight = plant.MASS * plant.GRAVITY * plant.REACH
     # joints' own damping is taken at the step's end, that of the drives where it is implicit
