@@ -12,6 +12,7 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.carried import may_carry
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
+from elid_cli.diagnosis.by_motion.limits_in_steps import runs_in_steps
 from elid_cli.diagnosis.by_motion.poses import effects_of
 from elid_cli.diagnosis.by_motion.raised_limits import raised_limits
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
@@ -30,6 +31,7 @@ from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identifica
 from elid_cli.estimation.smooth_commands import as_told
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.bodies import other_bodies
+from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
@@ -40,7 +42,7 @@ from elid_cli.estimation.trajectory.identification import (
     started_from,
 )
 from elid_cli.estimation.trajectory.late_joints import believed
-from elid_cli.estimation.trajectory.simulator_steps import runs_in_time
+from elid_cli.estimation.trajectory.simulator_steps import is_timed, retimed, runs_in_time
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.timing_doubts import as_doubtful
 from elid_cli.model.effects import effect_classes, effect_that
@@ -113,6 +115,16 @@ def diagnose_motion(
     found = found or least_squares(robot, signals)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
+    if not whole.done.partial and not is_timed(timed, signals):
+        # how drives act in time shows once what was missing is there, and bends that in turn
+        other = runs_in_steps(runs, whole.done.after, whole.done.limits)
+        if other[0] is runs[0] and is_timed(whole.done.after, signals):
+            other, timed = retimed(runs, whole.done.after, signals)
+        if any(run is not own for run, own in zip(other, runs, strict=True)):
+            again = searched(robot, signals, other, (effects, amplitudes), off, only, progress)
+            if not again.done.partial and nearer_by(again.done.after, whole.done.after) > 0:
+                again = replace(again, done=replace(again.done, before=whole.done.before))
+                whole, runs, timed = again, other, None
     if higher is not None and higher.before is not None:
         whole = replace(whole, done=replace(whole.done, before=higher.before))
     done = whole.done

@@ -55,7 +55,7 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     free = fit if fit.delays.any() else refitted(fit, [item.run for item in fit.tracked], fit.z)
     free = fit if free is None else free
     stepped = with_steps(free, signals)
-    in_steps = stepped is not free and clearly_nearer(stepped, fit)
+    nearer = stepped is not free and clearly_nearer(stepped, fit)
     looped = with_held_loops(fit, signals, free)
     if looped.tracked is not fit.tracked:
         # a filter of the velocity makes inertia and friction come out too small as well
@@ -63,10 +63,10 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
         if filtered is not None and nearer_by(filtered.fit, looped) > 0:
             return filters_in_doubt(_in_doubt(fit, free, signals), filtered)
     if looped.tracked is fit.tracked:
-        return stepped if in_steps else _in_doubt(looped, free, signals)
+        return stepped if nearer else _in_doubt(looped, free, signals)
     both = with_steps(looped, signals)
     both = both if both is looped else as_doubtful(both, looped)
-    if in_steps and not clearly_nearer(both, stepped):
+    if nearer and not clearly_nearer(both, stepped):
         return stepped
     return both if both is not looped else _in_doubt(looped, looped, signals)
 
@@ -77,7 +77,7 @@ def with_steps(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     declared = of_drives.has_steps(fit.unknowns.robot)
     if recording is None or recording.smooth or declared or (fit.above_noise(signals) > FAR).any():
         return fit
-    every = [_of_steps(fit, "explicit", recording.dt / each) for each in _asked(fit, signals)]
+    every = [in_steps(fit, "explicit", recording.dt / each) for each in _asked(fit, signals)]
     found = [one for one in every if one is not None]
     best = min(found, key=lambda one: float(np.log(one.equations.size).sum()), default=None)
     return fit if best is None or not clearly_nearer(best, fit) else _damped(best)
@@ -121,7 +121,7 @@ def _gains(fit: TrajectoryFit) -> Array:
     return found
 
 
-def _of_steps(fit: TrajectoryFit, how: Stepped, step: float) -> TrajectoryFit | None:
+def in_steps(fit: TrajectoryFit, how: Stepped, step: float) -> TrajectoryFit | None:
     """Return the fit to a simulator's steps, from where a fit to smooth motion puts their unknowns."""
     held = [item.run.drives.held for item in fit.tracked if item.run.drives.held is not None]
     each = round(fit.tracked[0].run.dt / step)
@@ -193,6 +193,17 @@ def runs_in_time(
     except DataError:
         return list(runs), None
     return [_like(run, item.run) for run, item in zip(runs, fit.tracked, strict=True)], fit
+
+
+def is_timed(fit: TrajectoryFit | None, signals: Signals) -> bool:
+    """Whether a fit left little enough for its loops and steps to be judged."""
+    return fit is not None and not (fit.above_noise(signals) > FAR).any()
+
+
+def retimed(runs: Sequence[Run], fit: TrajectoryFit, signals: Signals) -> tuple[list[Run], TrajectoryFit]:
+    """Return stretches as `runs_in_time` does, by a fit with what was missing when that could not be judged."""
+    found = with_drives_in_time(fit, signals)
+    return [_like(run, item.run) for run, item in zip(runs, found.tracked, strict=True)], found
 
 
 def _like(run: Run, other: Run) -> Run:
