@@ -147,7 +147,7 @@ def _allowed(dt: float) -> list[int]:
 
 
 def _fits(fit: TrajectoryFit, dt: float, every: Sequence[int]) -> dict[int, TrajectoryFit]:
-    found = {often: _of_loops(fit, often, dt) for often in every}
+    found = {often: of_loops(fit, often, dt) for often in every}
     return {often: one for often, one in found.items() if one is not None}
 
 
@@ -193,7 +193,7 @@ def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
     return nearer_by(one, other) > (CLEARLY if has_memory(one.equations) else least_of(other))
 
 
-def _of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None:
+def of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None:
     """Return the fit under drives that compute their torque so many times per sample, and hold it.
 
     None where their delay is no whole number of periods, unless friction is held at 0, or the motion runs away.
