@@ -41,9 +41,9 @@ class Found:
 
     @property
     def items(self) -> int:
-        """How many effects they are: of single joints one each, a load or a tilt one."""
+        """How many effects they are: of single joints one each, a load or a tilt one, gains of several joints one."""
         whole = sum(int(change.sure.sum()) if change.by.joints else 1 for change in self.changes)
-        return whole + int(self.scaled.sum()) + len(self.done.named)
+        return whole + int(self.scaled.any()) + len(self.done.named)
 
     @property
     def rates(self) -> Array:

@@ -18,7 +18,16 @@ from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, replaced, spoken, variable_words, whose
-from elid_cli.report.answers.motion_doubts import bodies_words, free_bodies_words, gains_words, load_words, mean_off
+from elid_cli.report.answers.motion_doubts import (
+    alike_words,
+    between_words,
+    bodies_words,
+    free_bodies_words,
+    gains_words,
+    load_words,
+    mean_off,
+    scale_words,
+)
 from elid_cli.report.answers.summary import answers, doubted, listed, record_sections, share_text
 from elid_cli.report.tree import (
     Cell,
@@ -139,14 +148,14 @@ def _trust(found: MotionDiagnosis) -> str:
 
 def _missing(found: MotionDiagnosis) -> str:
     left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
-    rigid = RIGID if found.unexplained else ""
+    rigid, between = RIGID if found.unexplained else "", between_words(found)
     first = free_bodies_words(found)
     if found.partial and not found.effects:
         return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
         others = f" Not tried by motion: {_untried_words(found)}." if found.untried else ""
-        none = f"No effect that was tried by motion brings the motion nearer.{bodies_words(found)}{left}{others}{rigid}"
-        return f"{first}{'' if first else none}"
+        beside = f"{bodies_words(found)}{left}{between}{others}{rigid}"
+        return f"{first}{between}" if first else f"No effect that was tried by motion brings the motion nearer.{beside}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
         joint = _place(found, effect)
@@ -159,7 +168,8 @@ def _missing(found: MotionDiagnosis) -> str:
     named = named_words(places, found.also_possible)
     if first:
         first, named = f"{first} With the bodies of the file: ", named.replace("One of", "one of", 1)
-    return f"{first}{named}{load_words(found)}{moved}{gains_words(found)}{bodies_words(found)}{rigid}"
+    doubts = f"{load_words(found)}{scale_words(found)}{moved}{gains_words(found)}{alike_words(found)}"
+    return f"{first}{named}{doubts}{bodies_words(found)}{between}{rigid}"
 
 
 def _untried_words(found: MotionDiagnosis) -> str:

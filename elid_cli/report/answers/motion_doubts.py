@@ -11,6 +11,9 @@ from elid_cli.report.answers.summary import listed, share_text
 from elid_cli.report.tree import number_text
 from elid_cli.robot.position_words import mean_words
 
+ALIKE, PART = 3.0, 0.1
+"""Standard errors, and part of themselves, within which gains of several drives are alike."""
+
 
 def load_words(found: MotionDiagnosis) -> str:
     """Return what a load's mass is with the other of two effects beside it, where the log does not tell which it is.
@@ -30,6 +33,33 @@ def load_words(found: MotionDiagnosis) -> str:
     return f" The mass of the {spoken(load)} hangs on that: {listed(cases)}."
 
 
+def scale_words(found: MotionDiagnosis) -> str:
+    """Return by how much values are other where a load and a gain of the drive explain the motion alike."""
+    load, gain = effect_that(local=True, whole_robot=True).name, gain_name()
+    sizes = [r.parameters["gain"] for r in found.also_possible if r.effect == gain and r.instead_of == load
+             and "gain" in r.parameters]  # fmt: skip
+    if len(sizes) != 1 or found.robot.n > 1:
+        return ""
+    change = 1.0 / (1.0 + sizes[0]) - 1.0
+    size = f"{share_text(abs(change))} {'smaller' if change < 0 else 'larger'}"
+    return f" If it is the gain, all values below are {size}."
+
+
+def alike_words(found: MotionDiagnosis) -> str:
+    """Return that gains which are alike may be off at the other joints too, where the motion shows no weight."""
+    gains = [(e.joint, e.parameters["gain"], e.std_error["gain"]) for e in found.effects if e.effect == gain_name()]
+    others = [name for name in found.robot.joint_names if name not in {joint for joint, _, _ in gains}]
+    if len(gains) < 2 or not others:
+        return ""
+    mean = sum(gain for _, gain, _ in gains) / len(gains)
+    if any(abs(gain - mean) > max(ALIKE * error, PART * abs(mean)) for _, gain, error in gains):
+        return ""
+    return (
+        f" These gains are alike: that of {listed(others)}, of whose weight this log shows too little, may be off by "
+        "as much, and its values with it."
+    )
+
+
 def bodies_words(found: MotionDiagnosis) -> str:
     """Return that other bodies than the file's would bring the motion nearer, where they would."""
     if not found.other_bodies or found.free_bodies is not None:
@@ -39,6 +69,18 @@ def bodies_words(found: MotionDiagnosis) -> str:
         f" Other bodies than {found.robot.name} describes would bring the motion of {listed(list(found.other_bodies))} "
         f"nearer as well, by up to {most} of the squared error: check masses and payload (elid identify --fit torque "
         "estimates them)."
+    )
+
+
+def between_words(found: MotionDiagnosis) -> str:
+    """Return that recordings do not agree, where more than noise is left of them together."""
+    differing = [item for item in found.differing if not item.of_effect]
+    if not differing or not found.unexplained or len(found.recording.files) < 2:
+        return ""
+    joints = list(dict.fromkeys(item.joint for item in differing))
+    return (
+        f" The recordings do not agree on the drives of {listed(joints)}: something changed between them, such as a "
+        "load. elid diagnose of each recording alone tells what."
     )
 
 
