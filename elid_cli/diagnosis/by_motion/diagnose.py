@@ -11,6 +11,7 @@ import numpy as np
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.carried import may_carry
+from elid_cli.diagnosis.by_motion.each_alone import each_alone
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
 from elid_cli.diagnosis.by_motion.limits_in_steps import runs_in_steps
 from elid_cli.diagnosis.by_motion.poses import effects_of
@@ -172,6 +173,7 @@ def diagnose_motion(
         None if done.partial or only else with_free_bodies(
             robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains and robot.n > 1 else [])]
         ),
+        each_alone(robot, runs, signals, whole),
     )  # fmt: skip
 
 

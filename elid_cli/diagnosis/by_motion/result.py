@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from elid_cli.diagnosis.by_motion.each_alone import Alone
 from elid_cli.diagnosis.by_motion.held_out import MORE
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.estimation.result import Identification
@@ -57,6 +58,9 @@ class MotionDiagnosis(Shown):
     """Part of its squared error, not fitted to, that other bodies than the file's take off a joint's motion."""
     free_bodies: TrajectoryFit | None = None
     """The fit with the bodies of least squares, where it comes clearly nearer than with all effects."""
+
+    alone: tuple[Alone, ...] = ()
+    """What each recording alone asks for, where they are simulated clearly nearer so."""
 
     @property
     def nearer(self) -> tuple[Rival, ...]:

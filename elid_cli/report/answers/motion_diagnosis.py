@@ -100,6 +100,8 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
     payload = identification_payload(found.after, found.recording)
     if found.free_bodies is not None:
         payload["warnings"].append(free_bodies_words(found))
+    if found.alone:
+        payload["warnings"].append(between_words(found).strip())
     return {
         **payload,
         "judged_by": "motion",

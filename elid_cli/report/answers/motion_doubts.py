@@ -73,14 +73,18 @@ def bodies_words(found: MotionDiagnosis) -> str:
 
 
 def between_words(found: MotionDiagnosis) -> str:
-    """Return that recordings do not agree, where more than noise is left of them together."""
-    differing = [item for item in found.differing if not item.of_effect]
-    if not differing or not found.unexplained or len(found.recording.files) < 2:
+    """Return that recordings do not agree, where each alone is simulated clearly nearer, and the loads they ask for."""
+    if not found.alone:
         return ""
-    joints = list(dict.fromkeys(item.joint for item in differing))
+    names, files = found.robot.joint_names, found.recording.files
+    most = max(one.mean_abs for one in found.alone)
+    masses = [f"{number_text(one.mass, 2)} kg ({file})" for file, one in zip(files, found.alone, strict=False)
+              if one.mass is not None]  # fmt: skip
+    load = f", with a load that the file does not have: {listed(masses)}" if masses else ""
     return (
-        f" The recordings do not agree on the drives of {listed(joints)}: something changed between them, such as a "
-        "load. elid diagnose of each recording alone tells what."
+        f" The recordings do not agree; something changed between them. Each alone is simulated within "
+        f"{mean_words(found.robot, dict.fromkeys(names, most), 2)} on average{load}. elid diagnose of each alone tells "
+        "what."
     )
 
 

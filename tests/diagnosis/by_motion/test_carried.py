@@ -252,6 +252,27 @@ def test_a_wrong_gain_of_a_single_joint_is_told_beside_the_load_that_it_looks_li
     (rival,) = (r for r in found.also_possible if r.effect == "torque_gain")
     assert (rival.joint, rival.instead_of) == ("one", "payload")
     assert rival.parameters["gain"] == pytest.approx(0.2, abs=0.01)
+    # the values below are those with the load
+    sections = " ".join(str(motion_diagnosis_report(found, "arm.yaml").sections).split())
+    size = 100 * (1 - 1 / (1 + rival.parameters["gain"]))
+    assert f"If it is the gain, all values below are {size:.2g} % smaller." in sections
+
+
+def test_recordings_with_and_without_a_tool_are_said_not_to_agree(tmp_path: Path) -> None:
+    arm, logs = described(tmp_path), []
+    for number, tool in enumerate((0.0, TOOL)):
+        logs.append(str(tmp_path / f"log{number}.h5"))
+        write_recording(moved(20 + number, tool, 4.0), Path(logs[-1]))
+    found = diagnose_motion(arm, prepare(read_recording(logs, arm), arm), None, ("stribeck",))
+    assert [one.mass for one in found.alone] == [None, pytest.approx(TOOL, abs=0.01)]
+    assert all(one.mean_abs < 4e-4 for one in found.alone)
+    sections = " ".join(str(motion_diagnosis_report(found, "arm.yaml").sections).split())
+    assert "The recordings do not agree" in sections
+    assert "log1.h5). elid diagnose of each alone tells what" in sections
+    (said,) = [line for line in motion_diagnosis_payload(found)["warnings"] if "do not agree" in line]
+    assert said.startswith("The recordings do not agree")
+    same = diagnose_motion(arm, prepare(read_recording(logs[:1], arm), arm), None, ("stribeck",))
+    assert not same.alone
 
 
 def test_no_tool_is_told_where_there_is_none_and_a_wrong_mass_of_another_body_is_that_of_this_body(
