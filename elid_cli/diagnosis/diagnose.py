@@ -18,6 +18,7 @@ from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.lower_cutoff import looked_closer, names_of
 from elid_cli.diagnosis.result import Diagnosis
+from elid_cli.diagnosis.search.absorbed import with_absorbed
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
 from elid_cli.diagnosis.search.event_times import retimed
@@ -227,6 +228,7 @@ def _by_torque(
         found = with_one_for_two(found, known, library)
         found, harmful = helpful_there(found, known, lambda: usual or as_usual(robot, signals))
         refuted = (*refuted, *harmful)
+        found = with_absorbed(found, library)
     found = by_known_values(found, known)
     found = with_channel_faults(found, known, options.only or effect_classes())
     if not found.partial:

@@ -70,9 +70,14 @@ def _told_anew(told: Diagnosis, **changes: Any) -> Diagnosis:
 
 
 def _borne_out(told: Diagnosis) -> bool:
-    """Whether what was found lets identification predict some joint's torque clearly better, and none worse."""
+    """Whether what was found lets identification predict some joint's torque clearly better, and none worse.
+
+    What base parameters had taken up need not: its size tells it.
+    """
     if not told.effects or told.predicted_worse:
         return False
+    if any(effect.absorbed for effect in told.effects):
+        return True
     before, after = told.left_out
     return any(after[name].rms < BETTER * error.rms for name, error in before.items() if name in after)
 

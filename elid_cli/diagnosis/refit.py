@@ -12,6 +12,7 @@ from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.form_errors import reaching_forms
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
+from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.stiffness_by_load import with_load
 from elid_cli.diagnosis.summary import described
 from elid_cli.diagnosis.written import robot_between, worse
@@ -33,7 +34,9 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
 HELD = 0.05
-"""Part of themselves within which found effects' amplitudes stay when parameters are published."""
+"""Part of themselves within which found effects' amplitudes stay when parameters are published …"""
+LOOSE = 1.0
+"""… and the same where base parameters had taken up one of them: neither is then known without the other."""
 
 
 def identified(state: State, error: Mapping[str, JointError], declared: int = 0) -> Identification:
@@ -60,6 +63,10 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
     effects = tuple(FittedEffect(s.effect, s.joint, s.parameters, {}) for s in state.specs[:declared])
     found = replace(found, error=error, settings={**found.settings, **whole}, effects=effects)
     return with_load(found, state)
+
+
+UNCHANGED = 0.99
+"""Part of itself above which a row's held-out error is the same as without an effect."""
 
 
 class Published(NamedTuple):
@@ -91,7 +98,8 @@ def published(found: Diagnosis, signals: Signals) -> Published:
     """
     declared = len(found.state_before.effects)
     first = _identified_again(found.robot, found.state_before, found.before, signals, declared)
-    last = _identified_again(found.robot, found.state_after, found.after, signals, declared)
+    hold = LOOSE if any(effect.absorbed for effect in found.effects) else HELD
+    last = _identified_again(found.robot, found.state_after, found.after, signals, declared, hold)
     rows = {(row.joint, row.rows): row for row in found.rows_after}
     noise = tuple(item for item in last.told.noise if (item.joint, item.rows) in rows)
     lacking = last.told.model if not found.unexplained else "insufficient"
@@ -119,6 +127,7 @@ class _Again(NamedTuple):
     told: Identification
     robot: Robot | None = None
     fitted: tuple[Robot, Signals] | None = None
+    options: EstimateOptions = EstimateOptions(fit="torque", hold=HELD)
 
     @property
     def cutoff(self) -> float:
@@ -131,14 +140,11 @@ class _Again(NamedTuple):
         robot, signals = self.fitted
         if self.cutoff == signals.filter.cutoff:
             return self.told.published
-        return identify(robot, replace(signals, cutoff_free=False), _HOLDING).error
-
-
-_HOLDING = EstimateOptions(fit="torque", hold=HELD)
+        return identify(robot, replace(signals, cutoff_free=False), self.options).error
 
 
 def _identified_again(
-    robot: Robot, state: State, error: Mapping[str, JointError], signals: Signals, declared: int
+    robot: Robot, state: State, error: Mapping[str, JointError], signals: Signals, declared: int, hold: float = HELD
 ) -> _Again:
     at_search = identified(state, error, declared)
     if state.known is not None:
@@ -162,9 +168,10 @@ def _identified_again(
     joints = tuple(
         replace(joint, parameters=own.parameters) for joint, own in zip(described_.joints, robot.joints, strict=True)
     )
+    options = EstimateOptions(fit="torque", hold=hold)
     fitted = replace(described_, joints=joints, effects=tuple(held)), moved
     try:
-        found = identify(*fitted, _HOLDING)
+        found = identify(*fitted, options)
     except DataError:  # too few instants at the lower cut-off
         return _Again(at_search)
     items = zip(found.parameters, at_search.parameters, strict=True)
@@ -178,7 +185,7 @@ def _identified_again(
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
     written = identified_robot(replace(found, parameters=told.parameters))
-    return _Again(told, replace(written, effects=(*written.effects, *late)), fitted)
+    return _Again(told, replace(written, effects=(*written.effects, *late)), fitted, options)
 
 
 @dataclass(frozen=True)
@@ -232,9 +239,11 @@ def _contribution(found: Diagnosis, number: int, effect: FoundEffect, terms: Seq
     else:
         bare = outside if len(terms) == 1 else _held_out(found, without_terms(state, terms))
     outside = bare if len(terms) == 1 else outside
-    errors = {
-        row: (outside[row], inside[row]) for row in state.columns[number].rows if row in outside and row in inside
-    }
+    own, errors = state.columns[number].rows, {row: (outside[row], inside[row]) for row in inside if row in outside}
+    helped = touched(without(state, number), state, own)
+    gained = any(after < UNCHANGED * before for row, (before, after) in errors.items() if row in own)
+    # a gain of one joint's torque scales that joint's parameters until its own rows fit: it shows at another
+    errors = {row: pair for row, pair in errors.items() if row in own or (row in helped and not gained)}
     if not errors:  # rows that a prediction does not judge, as a spring's whose stiffness is unknown
         outside, inside, bare = (_by_search(s) for s in (without(state, number), state, without_terms(state, terms)))
         errors = {row: (outside[row], inside[row]) for row in state.columns[number].rows if row in inside}

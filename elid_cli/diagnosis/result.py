@@ -91,6 +91,8 @@ class FoundEffect:
     quarters: tuple[float, ...] = ()
     """Part of the squared error that it takes from each quarter of the log, predicted from the others; NaN where the
     quarter cannot tell, empty for local effects and curves."""
+    absorbed: bool = False
+    """Whether base parameters had taken nearly all of it: its size tells it, which is surely not 0, not its gain."""
     forms: tuple[OtherForm, ...] = ()
     """Other forms of it that explain the log about as well; the parameters' standard errors reach to what they say."""
 

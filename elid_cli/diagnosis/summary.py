@@ -129,7 +129,7 @@ def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> 
     gain = terms[number].gain if number in terms else held_out_gain(state, number)
     folds = tuple(bool(g > 0) for g in step.candidate.gain.folds)
     found = FoundEffect(*_told(state, number), gain, effect.summary, step.net, folds, effect.local)
-    return replace(found, collocated=number in terms, quarters=step.quarters)
+    return replace(found, collocated=number in terms, quarters=step.quarters, absorbed=step.absorbed)
 
 
 def _told(state: State, number: int) -> tuple[str, str | None, dict[str, float], dict[str, float]]:

@@ -138,9 +138,15 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     able = [c for c in candidates if c.supported and c.net > threshold and _within(state, c)]
     if not able:
         return None
+    step = best_step(able)
+    return _possible(state, step, candidates) if state.impossible else step
+
+
+def best_step(able: Sequence[Candidate]) -> Step:
+    """Return the best of some supported candidates with those that cannot be told apart from it."""
     most = max(able, key=lambda c: c.gain.whole)
     share = most.gain.likelihood / most.gain.whole if most.gain.whole > 0 else 1.0
-    able.sort(key=lambda c: -c.merit(share))
+    able = sorted(able, key=lambda c: -c.merit(share))
     highest = able[0].merit(share)
     near = [c for c in able if c.merit(share) > highest - max(NEAR, NEAR_SHARE * highest)]
     # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
@@ -150,8 +156,7 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     top = max(c.merit(share) for c in simplest)
     best = min(simplest, key=lambda c: (c.merit(share) <= top - EVEN, c.effect.whole_robot, -c.merit(share)))
     twins = [c for c in able if c not in near and _twins(best, c) and c.merit(share) > TWIN_SHARE * highest]
-    step = Step(best, tuple(c for c in (*near, *twins) if c is not best))
-    return _possible(state, step, candidates) if state.impossible else step
+    return Step(best, tuple(c for c in (*near, *twins) if c is not best))
 
 
 def _possible(state: State, step: Step, candidates: Sequence[Candidate]) -> Step:

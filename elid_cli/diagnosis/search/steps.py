@@ -20,6 +20,8 @@ class Step:
     """Net gain of effects that were accepted together; None: the candidate's own."""
     quarters: tuple[float, ...] = ()
     """What it takes from the squared error of each quarter of the log, predicted from the others; NaN: cannot tell."""
+    absorbed: bool = False
+    """Whether its size told it, not the residual, which base parameters had brought down to noise (`absorbed.py`)."""
 
     @property
     def net(self) -> float:

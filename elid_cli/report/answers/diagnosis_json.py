@@ -101,7 +101,7 @@ def _effect_payload(found: Diagnosis, contribution: Contribution) -> dict[str, A
     payload = {
         **picked(effect, "effect joint parameters std_error gain"),
         "certain": found.certain(effect),
-        **picked(effect, "summary folds quarters local collocated"),
+        **picked(effect, "summary folds quarters local collocated absorbed"),
         "forms": [{**picked(form, "parameters behind"), "moved": dict(form.moved)} for form in effect.forms],
         "error": {
             "joint": contribution.joint,

@@ -119,8 +119,8 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         # what one term of a curve takes from a quarter, the other term in the model, is not what the curve is worth
         told = [gain for gain in c.effect.quarters if not isnan(gain)] if len(terms) == 1 else []
         worst = percent(min(told), 2) if told else "–"
-        where = c.joint if joint else f"robot ({c.joint})"
-        side = EQUATIONS.get(c.rows, c.rows)
+        where = joint or f"robot ({c.joint})"
+        side = EQUATIONS.get(c.rows, c.rows) + (f" of {c.joint}" if joint not in (None, c.joint) else "")
         rows.append((Mark(name, "warn"), where, side, error, percent(_explained(c), 2), worst))
         fit = "a poor fit: " if joint in poor else ""
         own = missing.own_elasticity(found, c.effect)
@@ -183,10 +183,12 @@ def _form_words(robot: Robot, effect: FoundEffect, form: OtherForm) -> str:
 def _also_possible(found: Diagnosis) -> list[Section]:
     if not found.also_possible:
         return [Text("also_possible", "No other effect does as well on this log.")] if found.effects else []
+    taken = {e.effect for e in found.effects if e.absorbed}  # of what these explain, next to nothing, nothing is said
     items: tuple[tuple[str, Cell], ...] = tuple(
         (
             missing.whose(r.effect, r.joint),
-            f"in place of {missing.replaced(r, found.effects)} it explains {share_text(r.gain)}",
+            f"in place of {missing.replaced(r, found.effects)}"
+            + ("" if r.instead_of in taken else f" it explains {share_text(r.gain)}"),
         )
         for r in found.also_possible
     )

@@ -16,7 +16,7 @@ from elid_cli.estimation.validation.sufficiency import ABOVE
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
 from elid_cli.report.tree import number_text
 
-UNCLEAR = 3.0
+UNCLEAR = 2.5
 """Times the sensors' white noise from which what is left is not called nothing: torque noise with a memory may leave
 that much, and so may what follows no variable alone."""
 LOUD = ABOVE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.answers.lacking import follows_words, moment_words
-from elid_cli.report.answers.summary import listed
+from elid_cli.report.answers.summary import called, listed
 from elid_cli.report.tree import Cell, number_text
 
 _VARIABLES = {
@@ -34,6 +35,8 @@ TIMES, ALSO = ("t", "time"), 0.7
 """Time among the variables, and the part of its share from which another variable is named beside it."""
 LEFT = 1.2
 """Times the sensors' noise below which nothing is left on held-out stretches."""
+CLEAR = 3.0
+"""Standard errors from which on a base parameter that was off is told."""
 VAGUE_ERROR = 0.1
 """Relative standard error from which on another log should sharpen an effect's amplitude."""
 
@@ -182,7 +185,21 @@ def missing_words(told: DiagnosisInput) -> str:
     if all(joint in poor for joints in places.values() for joint in joints):
         said = f"Something that no effect fits well. The nearest that elid knows: {said[:1].lower()}{said[1:]}"
     own = "".join(f" {words}" for words in dict.fromkeys(own_elasticity(found, c.effect) for c in named) if words)
-    return f"{said}{own}{worth}{_poor_words(found, poor)}{rest}"
+    return f"{said}{own}{worth}{_absorbed_words(told, named)}{_poor_words(found, poor)}{rest}"
+
+
+def _absorbed_words(told: DiagnosisInput, named: Sequence[Contribution]) -> str:
+    """Return what it does to base parameters that the model lacked what they can take up; nothing where none did."""
+    taken = [whose(c.effect.effect, c.effect.joint) for c in named if c.effect.absorbed]
+    if not taken:
+        return ""
+    them = listed(taken) if len(taken) < len(named) else "it" if len(taken) == 1 else "them"
+    known = {item.name: item for item in told.before.parameters if item.std_error > 0}
+    pairs = [(abs(item.estimate - known[item.name].estimate) / known[item.name].std_error, item.name)
+             for item in told.after.parameters if item.name in known]  # fmt: skip
+    size, name = max(((size, name) for size, name in pairs if math.isfinite(size)), default=(0.0, ""))
+    off = f": without, {called(name)} is {number_text(size, 2)} of its standard errors off" if size > CLEAR else ""
+    return f" Base parameters can take up nearly all of {them}, and the error hardly shows that{off}."
 
 
 def taken_as_rigid(found: Diagnosis) -> str:

@@ -1,0 +1,131 @@
+"""Effects that base parameters absorb: hardly any residual, false parameters.
+
+A weak balancing spring, one joint's torque gain or the zero of its encoder are nearly what other first moments,
+frictions and rotor inertias would be. The fit takes them for these, and what it leaves is too little to matter: a
+search by the residual passes by while parameters are off by many of their standard errors. Of such an effect its size
+is asked instead: beside all parameters, is it surely not 0? That is an answer only where nothing but noise is left, for
+then standard errors are what they say.
+
+What there is of such an effect is spread over the log, as little as it is: all stretches are asked together, each
+predicted by the others, those as well that the search did not see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
+from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed
+from elid_cli.diagnosis.search.candidate import FOLDS_LOST
+from elid_cli.diagnosis.search.forward import best_step
+from elid_cli.diagnosis.search.screening import screen, sensible
+from elid_cli.diagnosis.search.steps import Found, Step
+from elid_cli.estimation.data import Solved
+from elid_cli.estimation.regression.standard_errors import covariance_of, freedom
+from elid_cli.estimation.stretches import stretch_of
+from elid_cli.model.effects.effect import Effect
+
+QUIET = 1.3
+"""Residual over the noise floor of every row up to which nothing but noise is left."""
+CHANCE = 1e-4
+"""Chance at which some effect at some joint would seem as large in a log that lacks none."""
+MOVED = 4.0
+"""Standard errors by which some base parameter is off without it, for an effect to be worth a name."""
+TRIED = 3
+"""Candidates that are fitted in full."""
+MOST = 6
+"""Most of such effects in one log."""
+
+
+def with_absorbed(found: Found, library: Mapping[str, type[Effect]]) -> Found:
+    """Return the outcome with effects that base parameters absorb and the log shows none the less.
+
+    Parameters
+    ----------
+    found
+        What the search found.
+    library
+        Effects to try.
+    """
+    kinds = {name: kind for name, kind in library.items() if _by_size(kind)}
+    for _ in range(MOST if kinds else 0):
+        more = _next(found.after, kinds)
+        if more is None:
+            break
+        state, step = more
+        found = replace(found, after=state, steps=(*found.steps, step))
+    return found
+
+
+def _by_size(kind: type[Effect]) -> bool:
+    """Whether an effect acts all the time, and by a size that is 0 where it does not."""
+    return not (kind.local or kind.shapes or kind.corrects or kind.nuisance)
+
+
+def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step] | None:
+    """Return the state with the best of such effects as its last one, and the step to it; None where there is none."""
+    if state.known is not None or max(state.ratios().values()) > QUIET:
+        return None
+    log = replace(state.log, fold=stretch_of(state.log.observation.instants))
+    whole = agreed(fit(log, state.effects, state.scene, but=state.but))
+    candidates = screen(whole, kinds)
+    able = [c for c in candidates if c.supported and c.net > 0]
+    for _ in range(min(TRIED, len(able))):
+        step = best_step(able)
+        effects, last = (*state.effects, step.candidate.effect), len(state.effects)
+        grown = refreshed(fit(log, effects, whole.scene, but=state.but))
+        if _there(whole, grown, len(candidates)):
+            quarters = survival(grown, last, left_out(grown))
+            if _mostly_helps(quarters):
+                seen = refreshed(fit(state.log, effects, state.scene, but=state.but))
+                return seen, replace(step, quarters=quarters.gains, absorbed=True)
+        able = [c for c in able if c is not step.candidate]
+    return None
+
+
+def _there(state: State, grown: State, tried: int) -> bool:
+    """Whether the last effect of a grown state is possible, surely not 0, and a base parameter is off without it."""
+    last = len(grown.effects) - 1
+    possible = sensible(grown.effects[last], grown.scene, grown.named(last)) and grown.impossible <= state.impossible
+    return possible and _chance(grown, last) < CHANCE / tried and _moves(state, grown)
+
+
+def _chance(state: State, number: int) -> float:
+    """Return the chance to find an effect as large as it is where it is 0, by standard errors that know correlation."""
+    from scipy.stats import f as fisher
+
+    solved = Solved(state.log.base, state.log.data, state.extras, None, state.triangles, state.solution)
+    place, basis = state.place(number), state.solution.basis
+    inner = np.flatnonzero((basis >= place.start) & (basis < place.stop))
+    if not len(inner):
+        return 1.0
+    values = _amplitudes(state, number)[basis[inner] - place.start]
+    covariance = covariance_of(solved)[np.ix_(inner, inner)]
+    size = float(values @ np.linalg.solve(covariance, values)) / len(inner)
+    degrees = freedom(state.log.data.facts, state.triangles, len(basis))
+    return float(fisher.sf(size, len(inner), min(degrees, 1e6)))
+
+
+def _amplitudes(state: State, number: int) -> Array:
+    """Return an effect's coefficients, (d,); of angles by which the model's gravity is turned already, the angles."""
+    effect = state.effects[number]
+    if not effect.turns_gravity:
+        return state.coefficients(number)
+    named = state.named(number)
+    return np.array([named.get(parameter.name, 0.0) for parameter in effect.amplitudes])
+
+
+def _moves(state: State, grown: State) -> bool:
+    """Whether some base parameter is off by several of its standard errors in the state without an effect."""
+    (before, errors, known), (after, _, still) = (one.base_values(state.log.base) for one in (state, grown))
+    return bool(np.any(known & still & (np.abs(after - before) > MOVED * errors)))
+
+
+def _mostly_helps(quarters: Survival) -> bool:
+    """Whether an effect helps on the whole, and in all quarters but one where noise may speak against so little."""
+    silent = all(np.isnan(gain) for gain in quarters.gains)
+    return sum(quarters.lost) <= FOLDS_LOST and (silent or quarters.whole > 0)

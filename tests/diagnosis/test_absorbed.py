@@ -1,0 +1,138 @@
+"""Effects that base parameters absorb: named by their size, where the residual holds next to nothing of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elid_cli.diagnosis import Diagnosis, diagnose
+from elid_cli.diagnosis.diagnose import divided
+from elid_cli.diagnosis.fit.state import fit, refreshed
+from elid_cli.diagnosis.search.absorbed import _amplitudes, _chance
+from elid_cli.model.effects import effect_classes
+from elid_cli.report.answers.diagnosis_input import DiagnosisInput
+from elid_cli.report.answers.missing import missing_words
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.signals import prepare
+from tests.system.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
+
+RATE, JOINT = 200.0, 1
+"""Hz, and the joint at which an effect acts: the second, which carries weight."""
+
+
+def rigid(seed: int) -> Made:
+    """Return an arm of three rigid joints with its motion."""
+    made = make(seed, 3, rate=RATE, duration=15.0)
+    stiff = [replace(j, parameters={**j.parameters, "K": 1e4 * j.parameters["K"]}) for j in made.truth.joints]
+    bare = [replace(joint, transmission="rigid") for joint in made.robot.joints]
+    return replace(made, truth=replace(made.truth, joints=tuple(stiff)), robot=replace(made.robot, joints=tuple(bare)))
+
+
+def diagnosed(made: Made, laws: Laws, torque: float = 0.01) -> Diagnosis:
+    log = recorded(made, log_of(made, laws), db=0.0, counts=2.0**16, torque=torque, colour=0.0, seed=1)
+    found = diagnose(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)))
+    assert isinstance(found, Diagnosis)
+    return found
+
+
+def with_spring(made: Made) -> Laws:
+    """Return a spring of a few per cent of the joint's torque per rad."""
+
+    def torque(world: World) -> np.ndarray:
+        spring = np.zeros_like(world.q)
+        spring[:, JOINT] = 0.03 * made.sizes[JOINT].torque * (world.q[:, JOINT] + 1.0)
+        return spring
+
+    return Laws(link=[torque])
+
+
+def with_gain() -> Laws:
+    def read(_: World, signals: dict[str, np.ndarray]) -> None:
+        signals["tau"][:, JOINT] *= 1.05
+
+    return Laws(sensors=[read])
+
+
+def with_zero() -> Laws:
+    def read(_: World, signals: dict[str, np.ndarray]) -> None:
+        for channel in ("q", "theta"):
+            signals[channel][:, JOINT] += 0.05
+
+    return Laws(sensors=[read])
+
+
+def deviations(made: Made, found: Diagnosis) -> tuple[float, float]:
+    """Return by how many standard errors the worst base parameter is off before and after."""
+    joints = (
+        replace(j, transmission="rigid", parameters={k: v for k, v in j.parameters.items() if k != "K"})
+        for j in made.truth.joints
+    )
+    true = found.state_before.log.base.values(replace(made.truth, joints=tuple(joints)).reference())
+    worst = [
+        max(abs(item.estimate - value) / item.std_error for item, value in zip(model.parameters, true, strict=True))
+        for model in (found.identified_before, found.identified_after)
+    ]
+    return worst[0], worst[1]
+
+
+@pytest.mark.parametrize("effect", ["link_spring", "torque_gain"])
+def test_what_base_parameters_absorb_is_named_and_they_come_right(effect: str) -> None:
+    """It was "Nothing", with values up to eighty of their standard errors off."""
+    made = rigid(1)
+    found = diagnosed(made, with_spring(made) if effect == "link_spring" else with_gain())
+    assert [(e.effect, e.joint, e.absorbed) for e in found.effects] == [(effect, "j2", True)]
+    before, after = deviations(made, found)
+    assert before > 20
+    assert after < 4
+    name, true = ("gain", 0.05) if effect == "torque_gain" else ("stiffness", 0.03 * made.sizes[JOINT].torque)
+    assert abs(found.effects[0].parameters[name] - true) < 4 * found.effects[0].std_error[name]
+
+
+def test_what_is_little_is_told_with_what_it_does() -> None:
+    found = diagnosed(rigid(1), with_gain())
+    models = found.identified_before, found.identified_after
+    words = missing_words(DiagnosisInput(found, *models, found.contributions, found.recording, "arm.yaml"))
+    assert "Base parameters can take up nearly all of it" in words
+    assert "of its standard errors off" in words
+
+
+def test_rivals_are_listed_and_standard_errors_reach_to_them() -> None:
+    """Under more noise the gain of one joint and the inverse one of the next do as well."""
+    made = rigid(2)
+    found = diagnosed(made, with_gain(), torque=0.02)
+    assert [(e.effect, e.joint) for e in found.effects] == [("torque_gain", "j2")]
+    assert [(r.effect, r.joint) for r in found.also_possible] == [("torque_gain", "j3")]
+    assert found.also_possible[0].change is not None
+    assert deviations(made, found)[1] < 4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_log_without_them_has_none(seed: int) -> None:
+    assert diagnosed(rigid(seed), Laws()).effects == ()
+
+
+def test_beside_what_nothing_explains_none_is_named() -> None:
+    """Where more than noise is left, standard errors say nothing of it."""
+    made = rigid(1)
+    drags = laws_of("dragging_cable", made, 2)
+    drags.sensors += with_gain().sensors
+    found = diagnosed(made, drags)
+    assert found.unexplained
+    assert not any(effect.absorbed for effect in found.effects)
+
+
+def test_a_tilt_counts_with_what_the_model_is_turned_by() -> None:
+    """Its column finds nothing once gravity is turned in the model."""
+    made = make(55, rate=500.0, duration=10.0, bodies_of=read_robot("planar2"))
+    tilted = laws_of("gravity_direction", made, 0)
+    log = recorded(made, log_of(made, tilted), db=90.0, counts=0.0, torque=0.003, colour=0.0, seed=55)
+    signals = prepare(log, made.robot, SignalOptions.for_diagnosis(500.0))
+    parted = divided(made.robot, signals)
+    kind = effect_classes()["gravity_direction"]
+    state = refreshed(fit(parted, [kind(0)]))
+    assert np.any(state.log.tilt)
+    assert _chance(state, 0) < 1e-9
+    assert np.abs(state.coefficients(0)).max() < 0.01 * np.abs(_amplitudes(state, 0)).max()
