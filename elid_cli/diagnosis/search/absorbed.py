@@ -33,6 +33,9 @@ QUIET = 1.3
 """Residual over the noise floor of every row up to which nothing but noise is left."""
 CHANCE = 1e-4
 """Chance at which some effect at some joint would seem as large in a log that lacks none."""
+NOISY = 1.4
+"""Factor on standard errors where elastic joints have two encoders: their noise in the columns is in no standard error.
+On 200 clean logs, with encoders of 13 to 16 bits, gains of torques were up to 4.7 of these errors from 0."""
 MOVED = 4.0
 """Standard errors by which some base parameter is off without it, for an effect to be worth a name."""
 TRIED = 3
@@ -62,8 +65,12 @@ def with_absorbed(found: Found, library: Mapping[str, type[Effect]]) -> Found:
 
 
 def _by_size(kind: type[Effect]) -> bool:
-    """Whether an effect acts all the time, and by a size that is 0 where it does not."""
-    return not (kind.local or kind.shapes or kind.corrects or kind.nuisance)
+    """Whether an effect acts all the time, by a size that is 0 where it does not, and by columns that are known well.
+
+    The deflection is not: noise of encoders in it is not linear in what acts between motor and link.
+    """
+    in_deflection = kind.in_deflection or kind.place == "spring"
+    return not (kind.local or kind.shapes or kind.corrects or kind.nuisance or in_deflection)
 
 
 def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step] | None:
@@ -105,7 +112,8 @@ def _chance(state: State, number: int) -> float:
         return 1.0
     values = _amplitudes(state, number)[basis[inner] - place.start]
     covariance = covariance_of(solved)[np.ix_(inner, inner)]
-    size = float(values @ np.linalg.solve(covariance, values)) / len(inner)
+    elastic = any(joint.elastic for joint in state.log.model.robot.joints)
+    size = float(values @ np.linalg.solve(covariance, values)) / len(inner) / (NOISY**2 if elastic else 1.0)
     degrees = freedom(state.log.data.facts, state.triangles, len(basis))
     return float(fisher.sf(size, len(inner), min(degrees, 1e6)))
 
