@@ -31,6 +31,8 @@ from elid_cli.model.effects.effect import Effect
 
 QUIET = 1.3
 """Residual over the noise floor of every row up to which nothing but noise is left."""
+LEAST = 5.0
+"""Log-likelihood that an effect gains on three quarters of a log which surely shows it: half of what it has to."""
 CHANCE = 1e-4
 """Chance at which some effect at some joint would seem as large in a log that lacks none."""
 NOISY = 1.4
@@ -75,7 +77,7 @@ def _by_size(kind: type[Effect]) -> bool:
 
 def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step] | None:
     """Return the state with the best of such effects as its last one, and the step to it; None where there is none."""
-    if state.known is not None or max(state.ratios().values()) > QUIET:
+    if state.known is not None or max(state.ratios().values()) > QUIET or not _any_gains(state, kinds):
         return None
     log = replace(state.log, fold=stretch_of(state.log.observation.instants))
     whole = agreed(fit(log, state.effects, state.scene, but=state.but))
@@ -92,6 +94,14 @@ def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step]
                 return seen, replace(step, quarters=quarters.gains, absorbed=True)
         able = [c for c in able if c is not step.candidate]
     return None
+
+
+def _any_gains(state: State, kinds: Mapping[str, type[Effect]]) -> bool:
+    """Whether any of such effects gains something on the stretches of the search: else the rest need not be asked."""
+    joints = range(state.log.model.robot.n)
+    effects = [kind(k) for kind in kinds.values() for k in joints if kind.applies(state.log.model.robot, k)]
+    gains = state.projected.gains([state.log.columns.of(effect, state.scene).rows for effect in effects])
+    return any(gain is not None and gain.whole > LEAST for gain in gains)
 
 
 def _there(state: State, grown: State, tried: int) -> bool:
