@@ -20,6 +20,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
 from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed
+from elid_cli.diagnosis.search.acceptance import SMALLEST_TORQUE
 from elid_cli.diagnosis.search.candidate import FOLDS_LOST
 from elid_cli.diagnosis.search.forward import best_step
 from elid_cli.diagnosis.search.screening import screen, sensible
@@ -108,12 +109,20 @@ def _there(state: State, grown: State, tried: int) -> bool:
     """Whether the last effect of a grown state is possible, surely not 0, and a base parameter is off without it."""
     last = len(grown.effects) - 1
     possible = sensible(grown.effects[last], grown.scene, grown.named(last)) and grown.impossible <= state.impossible
-    return possible and _chance(grown, last) < CHANCE / tried and _moves(state, grown)
+    return possible and _matters(grown, last) and _chance(grown, last) < CHANCE / tried and _moves(state, grown)
+
+
+def _matters(state: State, number: int) -> bool:
+    """Whether an effect's torque is more than what no simulation or spline is exact to, in some row."""
+    rows = {row: c for row, c in state.columns[number].rows.items() if row in state.triangles.rows}
+    sizes = {row: float(np.sqrt(np.mean((state.coefficients(number) @ c) ** 2))) for row, c in rows.items()}
+    turned = state.effects[number].turns_gravity  # its columns are what is left to turn
+    return turned or any(size > SMALLEST_TORQUE * state.triangles.torque_rms(row) for row, size in sizes.items())
 
 
 def _chance(state: State, number: int) -> float:
     """Return the chance to find an effect as large as it is where it is 0, by standard errors that know correlation."""
-    from scipy.stats import f as fisher
+    from scipy.special import fdtrc
 
     solved = Solved(state.log.base, state.log.data, state.extras, None, state.triangles, state.solution)
     place, basis = state.place(number), state.solution.basis
@@ -122,10 +131,12 @@ def _chance(state: State, number: int) -> float:
         return 1.0
     values = _amplitudes(state, number)[basis[inner] - place.start]
     covariance = covariance_of(solved)[np.ix_(inner, inner)]
+    if not np.all(np.linalg.eigvalsh(covariance) > 0):  # a log without noise says nothing of chance
+        return 1.0
     elastic = any(joint.elastic for joint in state.log.model.robot.joints)
     size = float(values @ np.linalg.solve(covariance, values)) / len(inner) / (NOISY**2 if elastic else 1.0)
     degrees = freedom(state.log.data.facts, state.triangles, len(basis))
-    return float(fisher.sf(size, len(inner), min(degrees, 1e6)))
+    return float(fdtrc(len(inner), min(degrees, 1e6), size))
 
 
 def _amplitudes(state: State, number: int) -> Array:
