@@ -13,7 +13,9 @@ from elid_cli.diagnosis.fit.state import fit, refreshed
 from elid_cli.diagnosis.search.absorbed import _amplitudes, _chance
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
+from elid_cli.report.answers.diagnosis_tables import effect_sections
 from elid_cli.report.answers.missing import missing_words
+from elid_cli.report.tree import Table
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
@@ -136,3 +138,13 @@ def test_a_tilt_counts_with_what_the_model_is_turned_by() -> None:
     assert np.any(state.log.tilt)
     assert _chance(state, 0) < 1e-9
     assert np.abs(state.coefficients(0)).max() < 0.01 * np.abs(_amplitudes(state, 0)).max()
+
+
+def test_a_gain_that_shows_at_another_joint_is_told_with_its_own_joint_and_the_other_equation() -> None:
+    """The table showed 0.17 before and after, and 0 %, of a gain that brought another joint down to noise."""
+    found = diagnosed(rigid(1), with_gain())
+    shown = (replace(found.contributions[0], joint="j1"),)
+    models = found.identified_before, found.identified_after
+    table, *_ = effect_sections(DiagnosisInput(found, *models, shown, found.recording, "arm.yaml"))
+    assert isinstance(table, Table)
+    assert table.rows[0][1:3] == ("j2", "whole joint of j1")

@@ -16,7 +16,9 @@ from elid_cli.report.answers.summary import DOUBTS, doubted
 from elid_cli.report.answers.trend import changed_by
 
 
-@pytest.mark.parametrize(("ratio", "first"), [(1.1, "Nothing"), (2.0, "Nothing"), (45.0, "Not clear")])
+@pytest.mark.parametrize(
+    ("ratio", "first"), [(1.1, "Nothing"), (2.0, "Nothing"), (2.9, "Not clear"), (45.0, "Not clear")]
+)
 def test_what_is_left_far_above_noise_is_not_clear(ratio: float, first: str) -> None:
     noise = (RowNoise("one", "sum", 0.1, 1.0, 0.02), RowNoise("two", "sum", 0.1, ratio, 0.02))
     said = lacking_words("sufficient", (), noise)
