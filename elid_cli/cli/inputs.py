@@ -195,4 +195,5 @@ def check_effects(names: Sequence[str]) -> None:
             raise UsageError(f"--only: no effect {name!r}", hint=did_you_mean(name, effect_classes()))
         kind = effect_classes()[name]
         if not (kind.searched or kind.moves_zero or kind.of_drive):
-            raise UsageError(f"{name} is a curve, not an effect to search for", hint=f"use --{name}")
+            hint = "use --lookup" if name == "lookup" else "elid friction compares it with other forms of friction"
+            raise UsageError(f"{name} is a curve, not an effect to search for", hint=hint)

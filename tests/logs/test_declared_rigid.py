@@ -18,6 +18,6 @@ def test_a_deflection_that_follows_the_torque_is_told_of_a_rigid_joint(transmiss
     robot = read_robot(ROOT / "robots" / "planar2.yaml")
     joints = (robot.joints[0], replace(robot.joints[1], transmission=transmission))
     recording = read_recording([str(ROOT / "sample_logs" / "planar2.h5")], replace(robot, joints=joints))
-    said = [line for line in recording.warnings if "is declared rigid, but" in line]
+    said = [line for line in recording.warnings if "counts as rigid, but" in line]
     assert len(said) == told
     assert all(line.startswith(f"{robot.joints[1].name}: ") and "mrad (rms)" in line for line in said)

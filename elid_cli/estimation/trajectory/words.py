@@ -124,7 +124,7 @@ def loop_words(
     recording = signals.recording
     assert recording is not None
     told = _loop_words(robot, fit, recording, moves)
-    return ((), told) if loops_bend(fit, recording) else (told, ())
+    return ((), told) if fit.loops or loops_bend(fit, recording) else (told, ())
 
 
 def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: NDArray[np.bool_]) -> tuple[str, ...]:

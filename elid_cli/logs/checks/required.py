@@ -105,7 +105,7 @@ def _deflecting(
         if by:
             size = f"{1e3 * by:.2g} mrad" if joint.revolute else f"{1e3 * by:.2g} mm"
             said.append(
-                f"{joint.name}: its transmission is declared rigid, but motor and link position differ by {size} (rms) "
+                f"{joint.name}: its transmission counts as rigid, but motor and link position differ by {size} (rms) "
                 f"that follow the torque: declare transmission: elastic {robot.place_to_say}"
             )
     return said

@@ -61,10 +61,8 @@ def test_errors_count_loops_that_the_motion_does_not_tell_apart(
     estimate, error = values(found, "fv")
     assert np.abs((estimate - LITTLE) / error).max() < 4
     assert (error > 0.2 * 0.5 * DT * KP).any()
-    assert any("come as near" in note for note in found["notes"]) or any(  # type: ignore[attr-defined]
-        "comes out at 0" in line
-        for line in found["warnings"]  # type: ignore[attr-defined]
-    )
+    warnings = found["warnings"]
+    assert any("come as near" in line or "comes out at 0" in line for line in warnings)  # type: ignore[attr-defined]
 
 
 def _thinned(log: Recording, every: int) -> Recording:
