@@ -24,13 +24,13 @@ from elid_cli.estimation.identify import identify
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.regression.standard_errors import covariance_of
-from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.model.regressor import EstimationRow
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals
 
 HELD = 0.05
@@ -178,14 +178,38 @@ def _identified_again(
     told = replace(
         at_search,
         parameters=tuple(replace(item, reference=other.reference) for item, other in items),
-        nuisances=found.nuisances, covariance=found.covariance, standard=found.standard, condition=found.condition,
-        rank=found.rank,
+        nuisances=_with_moved(found.nuisances, late), covariance=found.covariance, standard=found.standard,
+        condition=found.condition, rank=found.rank,
         rank_margin=found.rank_margin, warnings=found.warnings, noise=found.noise, insufficient=found.insufficient,
         model=found.model,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
     written = identified_robot(replace(found, parameters=told.parameters))
-    return _Again(told, replace(written, effects=(*written.effects, *late)), fitted, options)
+    return _Again(told, replace(written, effects=_summed((*written.effects, *late))), fitted, options)
+
+
+def _summed(specs: Sequence[EffectSpec]) -> tuple[EffectSpec, ...]:
+    """Return effects to write, with delays of one channel as one: the part that was moved, and what is left of it."""
+    found = dict[tuple[str, str | None], EffectSpec]()
+    for number, spec in enumerate(specs):
+        late = effect_classes()[spec.effect].nuisance == "delay"
+        key = (spec.effect, spec.joint) if late else (spec.effect, f"{spec.joint} {number}")
+        parts = [one.parameters for one in (found.get(key), spec) if one is not None]
+        whole = {name: sum(part.get(name, 0.0) for part in parts) for name in parts[0]} if late else spec.parameters
+        found[key] = replace(spec, parameters=whole)
+    return tuple(found.values())
+
+
+def _with_moved(found: Sequence[Nuisance], late: Sequence[EffectSpec]) -> tuple[Nuisance, ...]:
+    """Return faults of channels with delays that are whole: with those by which the channels were moved before."""
+    moved = {(spec.effect, spec.joint): spec.parameters for spec in late}
+    return tuple(
+        replace(item, parameters={
+            name: value + moved.get((item.effect, item.joint), {}).get(name, 0.0)
+            for name, value in item.parameters.items()
+        })
+        for item in found
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

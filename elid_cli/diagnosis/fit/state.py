@@ -13,6 +13,7 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.channels import Fault, unknowns_of_channels, without_idle_offsets
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.projection import Projected
+from elid_cli.diagnosis.fit.shifting import found_shifts
 from elid_cli.diagnosis.fit.whitened import project
 from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import Solved, sum_row
@@ -29,21 +30,16 @@ from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Nuisance
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.effects.shifts import Shifts
 from elid_cli.model.effects.tilt import settled, untilted
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import POSITIVE
 from elid_cli.robot.robot import EffectSpec
 
-LONGEST_SHIFT = 0.05
-"""s; a channel that seems later than this is not moved."""
 CURVE_HEIGHT = 0.01
 """Prior standard deviation of a smooth curve's heights, as a share of the torque."""
 _SETTLED = 0.002
 """Part of a sample within which shifts count as settled."""
-LATE = 0.05
-"""Phase, rad at the cut-off, up to which what is left of a torque's delay is left to its column."""
-_SHIFTING = 5
+_SHIFTING = 12
 _AGREED = 1e-4
 """Change of an effect's torque, as a part of it, below which columns from the model and the fit agree …"""
 _AGREEING = 30
@@ -249,7 +245,7 @@ def refreshed(state: State) -> State:
         state = _levelled(agreed(state))
         if np.any(state.log.tilt) and any(effect.from_model for effect in state.effects):
             state = agreed(state)  # levelling leaves the columns of a fit without effects
-        shifts, change = _shifts(state)
+        shifts, change = found_shifts(state)
         if change <= _SETTLED * state.log.signals.dt:
             break
         log = state.log.shifted(shifts)
@@ -321,26 +317,3 @@ def _without(state: State, number: int) -> State:
         log = log.tilted(np.zeros(2))
     but = state.but if effect.nuisance is None else state.but | {(effect.nuisance, effect.joint)}
     return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene, but=but)
-
-
-def _shifts(state: State) -> tuple[Shifts, float]:
-    """Return the shifts that a state amounts to, and the largest change from those already corrected, s."""
-    shifts, change = state.log.shifts, 0.0
-    for k, effect in enumerate(state.effects):
-        if effect.corrects is None:
-            continue
-        present = state.log.shifts.of(effect.corrects, effect.joint)
-        value = state.named(k)[effect.amplitudes[0].name]
-        if not np.isfinite(value) or abs(value) > LONGEST_SHIFT:
-            value = present
-        shifts = shifts.moved(effect.corrects, effect.joint, value)
-        change = max(change, abs(value - present))
-    late = {joint: delay for joint, delay in state.delays.items() if abs(delay) <= LONGEST_SHIFT}
-    left = max((abs(delay - float(state.log.shifts.torque[joint])) for joint, delay in late.items()), default=0.0)
-    # less than a sample, or what is left of more, is a matter of first order
-    far = bool(np.any(state.log.shifts.torque)) or max(map(abs, late.values()), default=0.0) > state.log.signals.dt
-    if far and left * 2 * np.pi * state.log.signals.filter.cutoff > LATE:
-        for joint, delay in late.items():
-            shifts = shifts.moved("torque", joint, delay)
-        change = max(change, left)
-    return shifts, change
