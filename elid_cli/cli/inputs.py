@@ -189,11 +189,13 @@ def check_effects(names: Sequence[str]) -> None:
     """Refuse the name of an effect that elid does not know (UsageError)."""
     from elid_cli.errors import UsageError, did_you_mean
     from elid_cli.model.effects import effect_classes
+    from elid_cli.model.effects.kinds import CurveEffect
 
     for name in names:
         if name not in effect_classes():
             raise UsageError(f"--only: no effect {name!r}", hint=did_you_mean(name, effect_classes()))
         kind = effect_classes()[name]
         if not (kind.searched or kind.moves_zero or kind.of_drive):
-            hint = "use --lookup" if name == "lookup" else "elid friction compares it with other forms of friction"
+            smooth = issubclass(kind, CurveEffect)
+            hint = f"use --{name}" if smooth else "elid friction compares it with other forms of friction"
             raise UsageError(f"{name} is a curve, not an effect to search for", hint=hint)
