@@ -112,7 +112,7 @@ def test_a_note_says_what_is_taken(
 ) -> None:
     from elid_cli.logs import read_recording
 
-    monkeypatch.setattr(commanded_rates, "nearer_by_motion", lambda *logs: Nearer(by, at_noise, (0.0, 0.0)))
+    monkeypatch.setattr(commanded_rates, "nearer_by_motion", lambda *logs, **how: Nearer(by, at_noise, (0.0, 0.0)))
     read = read_recording([written(tmp_path, "bare.h5", rates=False)], pendulums)
     told = commanded_rates.with_rates(pendulums, prepare(read, pendulums)).recording
     assert told is not None

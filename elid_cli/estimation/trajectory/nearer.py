@@ -35,10 +35,10 @@ class Nearer:
     one is nearer, 0 where neither is clearly."""
     at_noise: bool
     """Whether the nearer of them leaves about the encoders' noise at every joint."""
-    bound: bool
-    """Whether the other leaves a joint no viscous friction, as loops that hold their torque would."""
     delays: tuple[float, float]
     """By how much the motion is late against the commands of each, the mean over recordings, s."""
+    bound: bool = False
+    """Whether the other leaves a joint no viscous friction, as loops that hold their torque would."""
 
 
 def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool = False) -> Nearer | None:
@@ -70,7 +70,7 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
     near, log = (fits[1], other) if by > 0 else (fits[0], one)
     left = bool((near.above_noise(log) < ABOVE).all())
     first, second = (float(fit.delays.mean()) for fit in fits)
-    return Nearer(by if abs(by) > least else 0.0, left, bool(at_bound(fits[1]).any()), (first, second))
+    return Nearer(by if abs(by) > least else 0.0, left, (first, second), bool(at_bound(fits[1]).any()))
 
 
 def _fit(robot: Robot, standing: Robot, log: Signals, part: float) -> TrajectoryFit:
