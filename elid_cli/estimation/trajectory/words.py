@@ -88,12 +88,12 @@ def filter_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
 def bound_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
     """Return which joints come out without viscous friction, in a sentence; none where none does."""
     joints = [robot.joint_names[k] for k in np.flatnonzero(at_bound(fit))]
-    if not joints:
+    if not joints or fit.at_once:
         return ()
     return (
         f"viscous friction of {in_words(joints)} comes out at 0, as it cannot be less: drives that hold their torque "
-        "or damp by a filtered velocity look so (held_loop and velocity_filter in the robot file), with too small a "
-        "motor inertia; the values are no ground for a simulator",
+        "or damp by a filtered velocity look so (held_loop and velocity_filter in the robot file), and motor inertia "
+        "is too small then; a simulated robot may have none",
     )
 
 
