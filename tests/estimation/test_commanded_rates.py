@@ -17,7 +17,7 @@ from elid_cli.estimation.trajectory.nearer import Nearer
 from elid_cli.logs.checks.commanded import UNTOLD
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import EffectSpec, Robot
-from elid_cli.signals.signals import prepare
+from elid_cli.signals.signals import Signals, prepare
 from tests.diagnosis.by_motion import plant
 
 TRUTH = {"Ja": plant.ARMATURE, "fs": plant.COULOMB, "fv": plant.VISCOUS}
@@ -118,6 +118,25 @@ def test_a_note_says_what_is_taken(
     assert told is not None
     assert [line for line in told.notes if "no dq_des" in line] == [note]
     assert (told.sources.get("dq_des") == "rate") == (note == TOLD)
+
+
+@pytest.mark.parametrize("near", ["smooth", "loops", "neither"])
+def test_rates_are_taken_only_where_nothing_else_comes_as_near(
+    pendulums: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, near: str
+) -> None:
+    """Stairs that no drive was given, or a torque that is held, looked like rates with a delay of many samples."""
+    from elid_cli.logs import read_recording
+
+    def nearer(robot: Robot, one: Signals, other: Signals, *, loops: bool = False) -> Nearer:
+        assert one.recording is not None
+        asked = "loops" if loops else "smooth" if one.recording.smooth else "held"
+        return Nearer(0.0 if asked == near else 9.0, True, (0.0, 0.015))
+
+    monkeypatch.setattr(commanded_rates, "nearer_by_motion", nearer)
+    read = read_recording([written(tmp_path, "bare.h5", rates=False)], pendulums)
+    told = commanded_rates.with_rates(pendulums, prepare(read, pendulums)).recording
+    assert told is not None
+    assert (told.sources.get("dq_des") == "rate") == (near == "neither")
 
 
 def test_what_else_is_missing_is_not_the_rate(pendulums: Robot, tmp_path: Path) -> None:

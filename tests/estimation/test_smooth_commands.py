@@ -166,6 +166,19 @@ def test_the_motion_is_asked_where_half_a_sample_may_be_in_viscous_friction(
     assert told.smooth is asked
 
 
+@pytest.mark.parametrize("policy", [True, False])
+def test_commands_that_step_are_never_smooth(pendulums: Robot, monkeypatch: pytest.MonkeyPatch, policy: bool) -> None:
+    log = every(1, duration=6.0)
+    if policy:  # it keeps its commands for four samples
+        kept = np.arange(len(log.t)) // 4 * 4
+        log = replace(log, commands={name: values[kept] for name, values in log.commands.items()})
+    monkeypatch.setattr(smooth_commands, "_stairs", lambda held, found: 1.0)
+    monkeypatch.setattr(smooth_commands, "nearer_by_motion", lambda *logs, **how: Nearer(9.0, True, (0.0, 0.0)))
+    told = smooth_commands.as_told(pendulums, prepare(log, pendulums)).recording
+    assert told is not None
+    assert told.smooth is not policy
+
+
 def test_commands_are_smooth_where_positions_are_noisy(pendulums: Robot) -> None:
     signals = prepare(every(4, noise=3e-3), pendulums)
     found = identify(pendulums, signals, EstimateOptions(fit="torque", guards=False))

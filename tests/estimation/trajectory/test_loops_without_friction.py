@@ -11,8 +11,10 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.trajectory import simulator_steps
 from elid_cli.estimation.trajectory.decided import fit_trajectory
-from elid_cli.estimation.trajectory.identification import commanded_runs
+from elid_cli.estimation.trajectory.held_loops import of_loops
+from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs.reading import read_recording
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
@@ -101,10 +103,18 @@ def test_a_search_counts_steps_that_are_too_short_to_show(tmp_path: Path) -> Non
     assert np.abs((fit.values[:, 0] - ARMATURE) / error).max() < 4
 
 
-def test_a_filter_of_the_velocity_is_no_held_loop(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(tmp_path, capsys, plant.moved(6, 10.0, noise=3e-5, smoothing=4e-3, rates=False))
-    assert not effects(found, "held_loop")
-    assert any("filter of the velocity" in line for line in found["warnings"])  # type: ignore[attr-defined]
+def test_a_filter_of_the_velocity_is_no_held_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both take from inertia and viscous friction: of two that are nearer than loops that act always, the nearest."""
+    arm, log = robot(tmp_path), plant.moved(6, 10.0, noise=3e-5, smoothing=4e-3, rates=False)
+    recording = read_recording([written(tmp_path, "log.h5", log)], arm)
+    signals = prepare(recording, arm)
+    fit = fit_trajectory(arm, commanded_runs(recording, arm), started_from(arm, signals))
+    held = of_loops(replace(fit, z=fit.z * (np.arange(len(fit.z)) < fit.unknowns.delays.start)), 1, DT)
+    assert held is not None
+    monkeypatch.setattr(simulator_steps, "with_held_loops", lambda *given: held)
+    found = simulator_steps.with_drives_in_time(fit, signals)
+    assert found.tracked[0].run.drives.held is None
+    np.testing.assert_allclose(found.filters, 4e-3, rtol=0.1)
 
 
 def test_a_drive_that_is_off_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
