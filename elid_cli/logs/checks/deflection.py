@@ -30,6 +30,8 @@ GAP = 8
 """Usual steps between four samples from which something is missing among them."""
 GLITCH, FEW = 30.0, 0.01
 """A difference of more than this many of its median amounts is a glitch where this share of samples at most has it."""
+TORQUE = 3
+"""Row of a stretch that holds the torque."""
 ROUNDING = 1e-14
 """Share of the position that arithmetic leaves of a constant difference."""
 
@@ -66,10 +68,12 @@ def same_position(q: Sensed, theta: Sensed, tau: Sensed | None) -> bool:
     whole = np.hstack(pieces)
     if np.ptp(whole[1]) <= ROUNDING * max(float(np.abs(whole[0]).max()), 1.0):
         return True
+    quantum = _quantum(q.values) + _quantum(theta.values)
+    if _is_one(pieces, quantum):
+        return True
     late = float(whole[1] @ _without(whole[2])) / max(float(_without(whole[2]) @ whole[2]), 1e-300)
     pieces = _pieces(q, Sensed(theta.t + late, theta.values), tau) or pieces  # its square is like an acceleration
-    quantum = _quantum(q.values) + _quantum(theta.values)
-    return _is_noise(pieces, quantum) and not (tau is not None and _follows(pieces, quantum))
+    return _is_one(pieces, quantum)
 
 
 def deflects_by(q: Sensed, theta: Sensed, tau: Sensed) -> float:
@@ -111,10 +115,10 @@ def _at(sensed: Sensed, t: Array) -> Array:
     """Return a signal at other times by cubic interpolation of four samples; NaN outside and within gaps."""
     if sensed.t.size < 4:
         return np.full(t.size, np.nan)
+    start = int(np.searchsorted(sensed.t, t[0]))
+    if np.array_equal(sensed.t[start : start + t.size], t):
+        return sensed.values[start : start + t.size]
     first = np.searchsorted(sensed.t, t)
-    own = np.clip(first, 0, sensed.t.size - 1)
-    if np.array_equal(sensed.t[own], t):
-        return sensed.values[own]
     around = np.clip(first, 2, sensed.t.size - 2)[:, None] + np.arange(-2, 2)
     at, values = sensed.t[around], sensed.values[around]
     result = np.zeros(t.size)
@@ -152,6 +156,11 @@ def _quantum(values: Array) -> float:
     return smallest if np.count_nonzero(fractions < 0.02) > 0.9 * steps.size else 0.0
 
 
+def _is_one(pieces: list[Array], quantum: float) -> bool:
+    """Whether the difference is no more than noise, and does not follow the torque where the stretches hold one."""
+    return _is_noise(pieces, quantum) and not (len(pieces[0]) > TORQUE and _follows(pieces, quantum))
+
+
 def _is_noise(pieces: list[Array], quantum: float) -> bool:
     """Whether the difference is as large as white noise of its third differences (variance 20) or as the quanta."""
     whole = np.hstack([piece[1] for piece in pieces])
@@ -169,7 +178,7 @@ def _follows(pieces: list[Array], quantum: float) -> bool:
     """
     whole = np.hstack(pieces)
     ends = np.cumsum([piece.shape[1] for piece in pieces])[:-1]
-    torque, apart = (_without(whole[row], whole[2]) for row in (3, 1))
+    torque, apart = (_without(whole[row], whole[2]) for row in (TORQUE, 1))
     squares = np.array([float(part @ part) for part in np.split(torque, ends)])
     products = np.array([float(part.sum()) for part in np.split(torque * apart, ends)])
     if not squares.sum() > 0:
