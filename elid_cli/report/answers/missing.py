@@ -239,7 +239,18 @@ def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:
     if times < LEFT <= worst.ratio:
         times, where = worst.ratio, " on the stretches that were fitted"
     size = number_text(times, 2)
-    return f" {size} times the sensors' noise is left at {joint}{where}, which {nothing} explains.{goes}"
+    return f" {size} times the sensors' noise is left at {joint}{where}, which {nothing} explains.{goes}{_near(worst)}"
+
+
+def _near(item: Unexplained) -> str:
+    """Return what takes most of a residual that it does not explain; nothing where nothing does."""
+    near = item.nearest[0] if item.nearest else None
+    if near is None or near.gain < NEAR:
+        return ""
+    kind = effect_classes().get(near.effect)
+    forms = "; elid friction compares its other forms" if kind is not None and kind.holds() else ""
+    what, part = whose(near.effect, near.joint), number_text(100 * near.gain, 2)
+    return f" {what[:1].upper()}{what[1:]} comes near: it takes {part} % of that{forms}."
 
 
 def judged_after(found: Diagnosis) -> tuple[RowState, ...]:
@@ -280,6 +291,8 @@ def _poor_words(found: Diagnosis, poor: Mapping[str, Unexplained]) -> str:
     return "".join(said)
 
 
+NEAR = 0.5
+"""Part of what is left from which an effect comes near to explaining it."""
 BETTER = 1.05
 """Error before over that after, from which on it is told."""
 
