@@ -20,6 +20,7 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.system.plain_arms import Laws, Sensors, World, log, random_arm
+from tests.system.reproduce import inverse_logs
 
 ROOT = Path(__file__).parents[2]
 
@@ -75,6 +76,36 @@ def test_a_missing_friction_curve_is_seen_and_marks_friction_only() -> None:
     assert marked <= {"fs2", "fv2"}
     wrong = {p.leader for p, z in zip(found.parameters, scores(found), strict=True) if abs(z) > 4}
     assert wrong <= marked  # what is not marked is right
+
+
+@pytest.mark.parametrize("seed", [21, 23, 25])
+def test_friction_of_a_link_stands_between_two_equations_and_is_no_noise(seed: int) -> None:
+    made = inverse_logs.make(seed, 2)
+    size = 0.6 * made.truth.joints[0].parameters["fs"]
+
+    def bearing(world: inverse_logs.World) -> np.ndarray:
+        extra = np.zeros_like(world.q)
+        extra[:, 0] = size * np.sign(world.dq[:, 0])
+        return extra
+
+    logged = inverse_logs.log_of(made, inverse_logs.Laws(link=[bearing]))
+    sensors = {"db": 90.0, "counts": 2e5, "torque": 0.003, "colour": 0.0}
+    found = told(made.robot, inverse_logs.recorded(made, logged, **sensors, seed=seed))
+    assert {(item.joint, item.follows) for item in found.insufficient} == {("j1", "rows")}
+    marked = {p.leader for p in found.parameters if p.bias_possible}
+    assert {"fs1", "fv1", "K1"} <= marked
+    assert {name[-1] for name in marked} == {"1"}
+
+
+def test_what_the_deflection_alone_holds_is_no_noise_of_the_torque() -> None:
+    made = inverse_logs.make(21, 2)
+    logged = inverse_logs.log_of(made, inverse_logs.Laws())
+    logged["theta"][:, 0] += 5e-5 * np.sin(37.0 * logged["theta"][:, 0])
+    sensors = {"db": 90.0, "counts": 2e5, "torque": 0.003, "colour": 0.0}
+    found = told(made.robot, inverse_logs.recorded(made, logged, **sensors, seed=21))
+    (item,) = found.insufficient
+    assert (item.joint, item.rows, item.follows) == ("j1", "motor", "deflection alone")
+    assert "K1" in {p.leader for p in found.parameters if p.bias_possible}
 
 
 def test_a_torque_of_the_wrong_sign_is_told_by_the_stiffness() -> None:

@@ -129,7 +129,6 @@ class Laws:
     """What the plain model lacks: functions of the true motion that add to the motors' torque, (N, n)."""
 
     motor: Sequence[Callable[[World], Array]] = field(default_factory=tuple)
-    link: Sequence[Callable[[World], Array]] = field(default_factory=tuple)
 
 
 def motion(arm: Arm, seed: int, duration: float, rate: float, fast: float = 1.2, reach: float = 1.0) -> World:

@@ -34,8 +34,15 @@ PACE = "pace"
 """What a residual follows that is as slow as the torque and follows no group of curves."""
 LOGS = "logs"
 """What a residual follows that differs between logs which were fitted together."""
+APART = "rows"
+"""What a residual follows that its row's own parameters would take: rows that share them ask for other values."""
+DEFLECTION = "deflection alone"
+"""What a residual follows that the whole joint's torque has hardly any of: no torque noise, but a fault of the
+transmission or its encoders."""
 SLOW = 0.5
 """Part of the torque's memory from which a residual is too slow for noise."""
+TAKEN = 0.3
+"""Part of a residual that the row's own parameters must take, which fitted to the row alone they would."""
 RIDGE = 1e-4
 """Damping of the curves' coefficients, of the strongest direction."""
 
@@ -191,11 +198,15 @@ def _moved_round(curves: Array, residual: Array, fold: NDArray[np.intp]) -> _Cha
     """Return what chance predicts of a residual: what is predicted of it moved round against the motion."""
     if not len(curves):
         return _Chance(0.0, 0.0, 0.0)
-    count = len(residual)
-    lags = np.unique(np.linspace(0.08 * count, 0.92 * count, ROUNDS).astype(int))
-    moved = np.stack([np.roll(residual, lag) for lag in lags.tolist()], axis=1)
+    moved = np.stack([np.roll(residual, lag) for lag in _lags(len(residual))], axis=1)
     left = np.log(1.0 - _shares(curves, moved, fold))
     return _Chance(float(left.mean()), float(left.std()), float(left.min()))
+
+
+def _lags(count: int) -> list[int]:
+    """Return by how many of its samples a residual is moved round, in turn."""
+    lags: list[int] = np.unique(np.linspace(0.08 * count, 0.92 * count, ROUNDS).astype(int)).tolist()
+    return lags
 
 
 def in_bursts(residual: Array, use: NDArray[np.bool_]) -> bool:
@@ -218,6 +229,24 @@ def memory(residual: Array, use: NDArray[np.bool_], rate: float) -> float:
     last = int(below[0])
     before, after = correlation[last - 1], correlation[last]
     return float((last - 1 + (before - np.exp(-1.0)) / (before - after)) / rate)
+
+
+def apart(residual: Array, use: NDArray[np.bool_], columns: Array) -> float:
+    """Return the part of a residual that the row's own parameters would take, fitted to it alone; 0 where chance would.
+
+    Nothing is left for them in a row that has its parameters to itself. Where rows share them, friction of the link
+    stands between the values that whole joint and motor side ask for, and a wrong torque between those of two joints.
+    Chance is what they take of the residual moved round in time. Arguments as in `followed`.
+    """
+    own, values = _orthonormal(columns[:, use]), residual[use]
+    power = max(float(values @ values), 1e-300)
+    share = float(np.sum((own @ values) ** 2)) / power
+    if share < TAKEN:
+        return 0.0
+    moved = np.stack([np.roll(values, lag) for lag in _lags(len(values))], axis=1)
+    left = np.log(np.maximum(1.0 - np.sum((own @ moved) ** 2, axis=0) / power, 1e-12))
+    chance = _Chance(float(left.mean()), float(left.std()), float(left.min()))
+    return share if chance.beyond(share) else 0.0
 
 
 def slow_part(residual: Array, torque: Array, use: NDArray[np.bool_], columns: Array) -> float:

@@ -17,22 +17,30 @@ from elid_cli.estimation.data import sampled, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.judgement import Insufficient, JointError, Judgement, RowNoise
 from elid_cli.estimation.regression.covariance import residuals
-from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, RowGroup
-from elid_cli.estimation.regression.standard_errors import with_prior
-from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
+from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
-from elid_cli.estimation.validation.following import LOGS, PACE, followed, memory, motion_curves, slow_part
+from elid_cli.estimation.validation.following import (
+    APART,
+    DEFLECTION,
+    LOGS,
+    PACE,
+    apart,
+    followed,
+    memory,
+    motion_curves,
+    slow_part,
+)
+from elid_cli.estimation.validation.movable import Missing, movable
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
 from elid_cli.estimation.validation.one_moment import moment_of
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.estimation.validation.unpredicted import unpredicted
 from elid_cli.model.regressor import EstimationRow, Kind
-from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.signals import Signals
@@ -41,14 +49,13 @@ JUDGED = 24_000
 """Samples of a long log that are judged."""
 ABOVE = 1.4
 """Residual over noise from which a row is looked at: encoder noise in the columns is part of that noise."""
+FAR_ABOVE, OWN = 3.0, 2.0
+"""Residual of a motor's own row over its noise, and over the whole joint's, from which it is no noise of the torque:
+both rows hold that."""
 VISIBLE = 0.4
 """Size of what follows the motion, in the size of noise, from which it counts."""
 MATTERS = 2e-5
 """The same as a part of the torque: below it splines and rounding are seen."""
-HIDDEN = 30.0
-"""How many times larger than what is seen of it a missing torque may be: the rest hides in the parameters."""
-MOVED, WIDER = 2.0, 3.0
-"""Shift in standard errors, or growth of these, with the missing curves as unknowns, from which a bias is possible."""
 FAR_APART = 2.0
 """Error of logs together over the sensors' noise, and over what each log's own fit leaves, from which they differ."""
 _LEAST = 60
@@ -136,8 +143,8 @@ def judge_model(fit: DefaultFit) -> Judgement:
     def own(group: RowGroup) -> Array:
         return full_columns(group, part.extras, observation.parameters)[1]
 
-    seen = _judged_rows(part.signals, observation, left, floor, own)
-    biased = _movable(part, seen) if seen.missing else np.zeros(fit.base.count, dtype=bool)
+    seen = _judged_rows(part.signals, observation, left, floor, own, fitted=True)
+    biased = movable(part, seen.missing, seen.curves) if seen.missing else np.zeros(fit.base.count, dtype=bool)
     return Judgement(tuple(seen.noise), tuple(seen.insufficient), biased, columns_of(noise))
 
 
@@ -177,7 +184,7 @@ class _Seen(NamedTuple):
 
     noise: list[RowNoise]
     insufficient: list[Insufficient]
-    missing: list[_Missing]
+    missing: list[Missing]
     curves: dict[int, Mapping[str, Array]]
 
 
@@ -188,8 +195,13 @@ def _judged_rows(
     floor: Floor,
     own: Callable[[RowGroup], Array],
     chosen: NDArray[np.bool_] | None = None,
+    *,
+    fitted: bool = False,
 ) -> _Seen:
-    """Judge the residual of every row; `own` returns the columns of a row that the model could take it with."""
+    """Judge the residual of every row; `own` returns the columns of a row that the model could take it with.
+
+    What a model that is `fitted` could take and does not is what its rows do not agree on.
+    """
     robot = observation.robot
     alone = signals.recording is None or signals.recording.parts == 1  # else times are of no log
     said = _Seen([], [], [], {})
@@ -217,19 +229,26 @@ def _judged_rows(
         seen = size * float(np.sqrt(max(found.share, 0.0)))
         if found.beyond and seen > VISIBLE * least:
             said.insufficient.append(Insufficient(name, row.kind, ratio, found.groups[0], found.share))
-            said.missing.append(_Missing(row, found.groups, seen))
+            said.missing.append(Missing(row, found.groups, seen))
         elif (slow := slow_part(residual, group.target, use, own(group))) > ABOVE * least:
             said.insufficient.append(Insufficient(name, row.kind, ratio, PACE, 0.0))
-            said.missing.append(_Missing(row, found.groups, slow))
+            said.missing.append(Missing(row, found.groups, slow))
+        elif fitted and (share := apart(residual, use, own(group))):
+            said.insufficient.append(Insufficient(name, row.kind, ratio, APART, share))
+            free = followed(residual, use, group.columns[:0], said.curves[row.joint])
+            said.missing.append(Missing(row, free.groups, size * float(np.sqrt(share)), shared=True))
+        elif size > FAR_ABOVE * least and row.kind == "motor" and size > OWN * _whole(left, observation, row):
+            said.insufficient.append(Insufficient(name, row.kind, ratio, DEFLECTION, 0.0))
+            said.missing.append(Missing(row, found.groups, size))
     return said
 
 
-class _Missing(NamedTuple):
-    """A row that lacks something: the groups of curves that it follows, and the size of what is seen, N·m."""
-
-    row: EstimationRow
-    groups: tuple[str, ...]
-    seen: float
+def _whole(left: Mapping[EstimationRow, Array], observation: Observation, row: EstimationRow) -> float:
+    """Return the rms of the residual of a row's whole joint, N·m; infinite where there is none."""
+    for group in observation.independent:
+        if group.row == EstimationRow("sum", row.joint) and group.row in left and group.use.any():
+            return float(np.sqrt(np.mean(left[group.row][group.use] ** 2)))
+    return np.inf
 
 
 def _excerpt(fit: DefaultFit) -> DefaultFit:
@@ -246,68 +265,3 @@ def _excerpt(fit: DefaultFit) -> DefaultFit:
         return fit
     nuisances = tuple(of_channel[key] for key in wanted)
     return replace(fit, data=data, nuisances=nuisances, triangles=data.triangles(nuisances))
-
-
-def _acted(rows: Sequence[EstimationRow]) -> frozenset[Kind]:
-    """Return the kinds of a joint's rows that a torque acts in which some of them lack.
-
-    With a joint torque sensor the motor's side, the link's and the transmission have a row each. Without, the sum row
-    alone is the link's side, and the motor row alone the spring, which the sum does not hold.
-    """
-    kinds = {row.kind for row in rows}
-    if "drive" in kinds:
-        return frozenset({"drive", "motor", "sum"})
-    if kinds & {"load", "spring"}:
-        return frozenset({"load", "sum"} if "load" in kinds else {"spring", "motor"})
-    return frozenset(kinds)
-
-
-def _movable(fit: DefaultFit, seen: _Seen) -> NDArray[np.bool_]:
-    """Return the base parameters that the missing torque can move, (b,): those that its curves, as unknowns, do."""
-    missing, curves = seen.missing, seen.curves
-    extras, sizes = [], list[float]()
-    for joint in sorted({row.joint for row, _, _ in missing}):
-        rows = [row for row, _, _ in missing if row.joint == joint]
-        names = dict.fromkeys(name for row, groups, _ in missing if row.joint == joint for name in groups)
-        values = np.concatenate([curves[joint][name] for name in names])
-        acted = [g.row for g in fit.observation.groups if g.row.joint == joint and g.row.kind in _acted(rows)]
-        extras.append(ExtraColumns("missing", dict.fromkeys(acted, values), ("",) * len(values)))
-        size = max(seen for row, _, seen in missing if row.joint == joint)
-        sizes += [HIDDEN * size / max(float(np.sqrt(np.mean(v**2))), 1e-12) for v in values]
-    triangles = fit.data.triangles((*fit.extras, *extras))
-    known = with_prior(triangles, fit.triangles, 1.0 / np.array(sizes))
-    solution = reweighted(known, fit.base.count + triangles.extras)
-    transform = np.pad(fit.base.transform, ((0, 0), (0, triangles.extras)))
-    before = fit.deviations(fit.covariance)
-    used = transform[:, solution.basis] @ solution.inverse
-    # the noise is as large as before: what its inverse weights say of the wrong model's residual would hide the change
-    after = np.sqrt(np.sum(used**2, axis=1))
-    plain = fit.transform[:, fit.solution.basis] @ fit.solution.inverse
-    ratio = after / np.maximum(np.sqrt(np.sum(plain**2, axis=1)), 1e-300)
-    shift = np.abs(transform @ solution.values - fit.transform @ fit.solution.values)
-    marked: NDArray[np.bool_] = (shift > MOVED * before) | (ratio > WIDER) | _of_lacking(fit, missing)
-    return marked
-
-
-def _of_lacking(fit: DefaultFit, missing: Sequence[_Missing]) -> NDArray[np.bool_]:
-    """Return the base parameters of drives and springs whose own torque lacks something, (b,).
-
-    No curve over the motion is friction that grows with the load, or a spring that stiffens: what they take goes into
-    the constants beside them first. What a motor lacks is in its sum and its motor row, a spring's in the motor row
-    alone; of a rigid joint one row holds all. What follows the load or the deflection in the motor row may be the
-    spring's, whatever else lacks it.
-    """
-    rows: dict[int, set[Kind]] = {}
-    own = set()
-    for row, groups, _ in missing:
-        rows.setdefault(row.joint, set()).add(row.kind)
-        if row.kind in ("motor", "spring") and not {"load", "deflection"}.isdisjoint(groups):
-            own.add(StandardParameter("K", row.joint))
-    for joint, kinds in rows.items():
-        rigid = not fit.model.robot.joints[joint].elastic
-        if "drive" in kinds or {"sum", "motor"} <= kinds or rigid:
-            own |= {StandardParameter("fs", joint), StandardParameter("fv", joint)}
-        elif kinds & {"motor", "spring"}:
-            own.add(StandardParameter("K", joint))
-    leaders = [fit.base.parameters[k] for k in fit.base.leaders]
-    return np.array([leader in own for leader in leaders], dtype=bool)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.identification import is_at_noise
-from elid_cli.estimation.validation.following import LOGS, PACE
+from elid_cli.estimation.validation.following import APART, DEFLECTION, LOGS, PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
 from elid_cli.report.tree import number_text
@@ -194,5 +194,7 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
 def follows_words(variable: str) -> str:
     """Return that a residual follows a variable; what only time explains changes in the course of the log."""
     words = {"time": "changes in the course of the log", PACE: "changes as slowly as the torque",
-             LOGS: "differs from log to log"}  # fmt: skip
+             LOGS: "differs from log to log",
+             DEFLECTION: "is in the deflection and not in the torque, a fault of the transmission or its encoders",
+             APART: "is what other values of its parameters would explain, which other equations rule out"}  # fmt: skip
     return words.get(variable, f"follows the {variable}")
