@@ -21,6 +21,10 @@ SHORT = 0.05
 """Part of the least number of periods that a refined order may lack."""
 PART, MANY = 0.5, 10.0
 """Part of a turn below which more periods than so many are no order: nothing says that they go on."""
+OFTEN = 2.5
+"""Times that such a part must be passed for more of them: each pass shows that they are of the angle."""
+UNKNOWN = 3
+"""Times the highest order that is tried where the gear's ratio, and with it its own orders, is unknown."""
 ORDER = Parameter("order", "1/rev", "periods per turn of the joint (per 2π metres of a sliding joint)", low=1e-3)
 
 
@@ -89,13 +93,14 @@ def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list
     An order with less than `periods` in the covered angle is a bend that other effects explain as well; two
     orders closer than a quarter period over that angle look alike, so that the step follows the range.
     """
-    span = covered(scene, joint)[0] if scene.samples else 0.0
+    span, travel = covered(scene, joint) if scene.samples else (0.0, 0.0)
     if span <= 0 or not math.isfinite(span):
         return []
     least = 2 * math.pi * periods / span
     description = scene.robot.joints[joint]
     if description.revolute:
         step = 1 if span > 3.5 else 2
+        highest *= 1 if description.gear_ratio else UNKNOWN
         found = [float(k) for k in (*range(1, 10), *range(10, highest + 1, step)) if k >= least]
     else:
         found = [least * k for k in np.arange(1.0, 33.0 / periods, 0.5 / periods)]
@@ -104,7 +109,7 @@ def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list
     # the rotor's own orders, as long as they are slow enough to be sampled
     own = [gear * k for k in (1.0, 2.0, 4.0) if gear * k * fastest < 2 * math.pi / (8 * scene.dt)]
     found += [k for k in own if k >= least and all(abs(k - other) > 0.25 for other in found)]
-    if description.revolute and span < 2 * math.pi * PART:
+    if description.revolute and span < 2 * math.pi * PART and travel < OFTEN * span:
         most = 2 * math.pi * MANY / span
         found = [k for k in found if k <= most or k in own]
     return found
