@@ -52,7 +52,7 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     plain = channel_warnings(fit.signals, fit.model.robot)
     if plain:
         return plain
-    negative = [w for w in found.warnings if "negative" in w]
+    negative = [w for w in found.warnings if "negative" in w and w.startswith(POSITIVE)]
     stand = [] if fit.signals.recording is None else standing(fit.model.robot, fit.signals.recording)
     names = fit.model.robot.joint_names
     driven = [error.relative for name, error in found.error.items() if names.index(name) not in stand]

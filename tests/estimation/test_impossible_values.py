@@ -13,7 +13,10 @@ from elid_cli.cli import main
 from elid_cli.estimation.identify import Identification, identify
 from elid_cli.estimation.refined_robot import identified_robot, remarks
 from elid_cli.estimation.validation.prediction import validate
+from elid_cli.estimation.validation.verdicts import impossible
 from elid_cli.logs.writing import write_recording
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.signals.recording import Recording
@@ -45,6 +48,20 @@ def test_negative_friction_is_not_supported(driven: tuple[Identification, Signal
     assert item.verdict == "weak"
     assert item.reason.startswith("negative, which no robot's is")
     assert any("fv2" in sentence for sentence in driven[0].warnings)
+
+
+def test_an_inertia_that_stands_alone_is_not_negative_either() -> None:
+    base = find_base(Regressor(read_robot("puma560")))
+    alone = {
+        name: k
+        for k, leader in enumerate(base.leaders)
+        if base.classes[name := base.parameters[leader]] == "independent"
+    }
+    for name in ("Izz6", "Jm6", "fs6", "K6"):
+        assert impossible(base, alone[name], -1.0, 0.1)
+        assert not impossible(base, alone[name], -1.0, 0.5)  # within what it scatters by
+    for name in ("cx6", "Ixy6"):
+        assert not impossible(base, alone[name], -1.0, 0.1)
 
 
 def test_the_file_holds_the_nearest_robot_that_could_be(driven: tuple[Identification, Signals]) -> None:

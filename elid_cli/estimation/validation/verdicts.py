@@ -24,6 +24,8 @@ LEAST_FREEDOM = 3.0
 """Independent instants beyond the parameters of a row, below which a standard error is hardly known itself."""
 DOUBT = 3.0
 """Standard errors below zero from which a value that no robot has negative is impossible, and no scatter."""
+BODY = "m", "Ixx", "Iyy", "Izz"
+"""Parameters that no body has negative, where one stands alone."""
 IMPOSSIBLE = "negative, which no robot's is"
 """What the reason of such a parameter begins with."""
 TURNED = "or one of its positions has the wrong sign, or q and theta are swapped"
@@ -179,19 +181,19 @@ def gravity_in_body(joint: int, robot: Robot, q: Array) -> Array:
 
 
 def suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return a sentence for every stiffness, rotor inertia or friction that came out negative beyond doubt."""
+    """Return a sentence for every stiffness, mass, inertia or friction that came out negative beyond doubt."""
     return tuple(
-        f"{base.parameters[leader]} came out negative ({estimate[k]:.2g} {base.units[k]}): a sign or a unit is wrong, "
-        "or an effect is missing from the model"
+        f"{base.parameters[leader]} came out negative ({estimate[k]:.2g} {base.units[k]}): a sign, a unit or a gear "
+        "ratio is wrong, or an effect is missing from the model"
         for k, leader in enumerate(base.leaders)
         if known[k] and impossible(base, k, estimate[k], deviation[k])
     )
 
 
 def impossible(base: BaseParameters, k: int, estimate: float, deviation: float) -> bool:
-    """Whether base parameter `k` is a stiffness, rotor inertia or friction that came out negative beyond doubt."""
+    """Whether base parameter `k` is a stiffness, mass, inertia or friction that came out negative beyond doubt."""
     name = base.parameters[base.leaders[k]]
-    positive = name.kind in POSITIVE and base.classes[name] == "independent"
+    positive = name.kind in (*POSITIVE, *BODY) and base.classes[name] == "independent"
     return positive and bool(estimate < -DOUBT * deviation)
 
 
