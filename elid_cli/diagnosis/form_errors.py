@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.diagnosis.result import FoundEffect, Rival
+from elid_cli.diagnosis.result import FoundEffect, OtherForm, Rival
 from elid_cli.estimation.regression.other_shapes import REACH
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.verdicts import WEAK
+
+
+def in_forms(effect: FoundEffect, forms: Sequence[OtherForm]) -> FoundEffect:
+    """Return an effect with its other forms, its own 95 % intervals reaching to their values where these mean the same.
+
+    They do not where a value has the other sign: friction that falls from standstill and friction that rises.
+    """
+    wider = dict(effect.std_error)
+    for form in forms:
+        if all(_alike(effect.parameters, form.parameters, name) for name in form.parameters):
+            for name, error in wider.items():
+                apart = form.parameters.get(name, effect.parameters[name]) - effect.parameters[name]
+                wider[name] = float(np.hypot(error, apart / REACH))
+    return replace(effect, forms=tuple(forms), std_error=wider)
+
+
+def _alike(one: Mapping[str, float], other: Mapping[str, float], name: str) -> bool:
+    return name in one and one[name] * other[name] >= 0
 
 
 def reaching_forms(

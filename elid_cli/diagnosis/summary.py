@@ -11,6 +11,7 @@ from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State
+from elid_cli.diagnosis.form_errors import in_forms
 from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Nearest, OtherForm, Unexplained
 from elid_cli.diagnosis.rivals import rivals_of, rivals_of_skews
@@ -49,7 +50,7 @@ def result(
     validations = [validate(r, log.raw, chosen) for r in (first, last)]
     rows_before, rows_after = rows_of(before), rows_of(after)
     effects = tuple(
-        replace(_found(after, k, step, found.terms), forms=forms.get(k, ()))
+        in_forms(_found(after, k, step, found.terms), forms.get(k, ()))
         for k, step in enumerate(found.steps, start=declared)
     )
     known = declared + len(found.steps)

@@ -31,14 +31,14 @@ def tied() -> Told:
 def test_of_laws_that_explain_a_log_alike_the_usual_one_is_named(tied: Told) -> None:
     """Friction that rises towards a higher Coulomb friction explains this log a little better than the true law."""
     assert tied.exponents == [tied.law] == [1.0]
-    (form,) = tied.found.effects[0].forms
+    form = tied.found.effects[0].forms[0]
     assert form.parameters["exponent"] == -1.0
     assert form.parameters["amplitude"] < 0
     assert form.behind < 0
 
 
 def test_standard_errors_reach_to_what_the_other_law_says(tied: Told) -> None:
-    (form,) = tied.found.effects[0].forms
+    form = tied.found.effects[0].forms[0]
     other = dict(form.moved)["fs1"]
     item = next(p for p in tied.found.identified_after.parameters if p.name == "fs1")
     assert abs(tied.score) < 1

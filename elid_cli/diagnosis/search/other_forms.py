@@ -21,9 +21,11 @@ from elid_cli.diagnosis.search.steps import Found
 from elid_cli.model.effects.effect import Effect
 
 ALIKE = 6.0
-"""Log-likelihood by which another form may explain a log worse and still be told."""
+"""Log-likelihood by which another form may explain a log worse and still be told …"""
+PART = 0.04
+"""… or by this part of what the effect gains: motion near standstill, where forms differ, is the least well known."""
 USUAL = 2.0
-"""The same up to which a more usual form is named instead."""
+"""Log-likelihood up to which a more usual form is named instead."""
 MOVED = 2.0
 """Standard errors by which it must move a parameter for that to be told."""
 
@@ -66,7 +68,8 @@ def other_forms(found: Found, declared: int) -> dict[int, tuple[OtherForm, ...]]
         own, others = _forms(state, number)
         if own is None:
             continue
-        near = sorted((c for c in others if _behind(own, c) < ALIKE), key=lambda c: _behind(own, c))
+        alike = max(ALIKE, PART * own.gain.likelihood)
+        near = sorted((c for c in others if _behind(own, c) < alike), key=lambda c: _behind(own, c))
         forms = [
             _told(state, other, number, _behind(own, c))
             for c in near

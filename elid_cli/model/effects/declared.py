@@ -167,6 +167,8 @@ class Declared:
 def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
     """Return the effects of a robot file; a shape that it does not give starts in the middle of the effect's grid.
 
+    In the form that it gives, such as the exponent of a friction curve, or means by giving none.
+
     Raises
     ------
     RobotError
@@ -182,7 +184,7 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
             mean, shape = kind.coefficients(scene, joint, values)
         except KeyError:
             given = False
-            grid = kind.grid(scene, joint)
+            grid = _grid(kind, scene, joint, spec)
             if not grid:
                 continue
             shape = grid[len(grid) // 2]
@@ -190,6 +192,17 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
         spread = _amplitude_spread(kind, joint, mean, scene)
         found.append(Declared(spec, effect, mean, spread, effect if given else None))
     return tuple(found)
+
+
+def _grid(kind: type[Effect], scene: Scene, joint: int, spec: EffectSpec) -> list[tuple[float, ...]]:
+    """Return the shapes of an effect's grid with the values that the file gives, in the form that it gives or means."""
+    grid = kind.grid(scene, joint)
+    for k, parameter in enumerate(kind.shapes):
+        value = spec.parameters.get(parameter.name, parameter.default if parameter.fixed else None)
+        if value is not None:
+            formed = [shape for shape in grid if shape[k] == value] or grid
+            grid = [(*shape[:k], float(value), *shape[k + 1 :]) for shape in formed]
+    return grid
 
 
 def _amplitude_spread(kind: type[Effect], joint: int, mean: Array, scene: Scene) -> Array:
