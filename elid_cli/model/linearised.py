@@ -39,6 +39,19 @@ class Local:
     """… and its velocity."""
     curved: bool = True
     """Whether `slope` knows how inertias change with position."""
+    finer: int = 1
+    """Instants per sample of the log, the last sample's one but once."""
+
+    @property
+    def at_samples(self) -> Local:
+        """The equations at the samples of the log alone."""
+        if self.finer == 1:
+            return self
+        own = slice(None, None, self.finer)
+        return replace(
+            self, mass=self.mass[own], force=self.force[own], slope=self.slope[own], swerve=self.swerve[own],
+            place=self.place[own], speed=self.speed[own], finer=1,
+        )  # fmt: skip
 
     def stretch(self, number: int) -> Local:
         """Return the equations of one stretch."""
@@ -74,8 +87,8 @@ class Linearised:
         self.coordinates = coordinates_of(robot)
         self._chain = chains_of(robot)
 
-    def about(self, x: Array, v: Array, dt: float | None = None) -> Local:
-        """Return the equations about a motion x (N, S, m) with velocities v, every `dt`.
+    def about(self, x: Array, v: Array, dt: float | None = None, finer: int = 1) -> Local:
+        """Return the equations about a motion x (N, S, m) with velocities v, every `dt`, `finer` times per sample.
 
         Without `dt`, of a motion whose accelerations are mostly noise, the inertias do not change with position.
         """
@@ -99,7 +112,7 @@ class Linearised:
                 swerve[:, :, k] = np.where(own, swerved, 0.0)
         square = (*x.shape, count)
         mass, slope, swerve = (part.reshape(square) for part in (mass, slope, swerve))
-        return Local(mass, force.reshape(x.shape), slope, swerve, x, v, dt is not None)
+        return Local(mass, force.reshape(x.shape), slope, swerve, x, v, dt is not None, finer)
 
     def _torques(self, x: Array, v: Array, a: Array) -> Array:
         """Return the torque on every coordinate, (N, m)."""

@@ -56,8 +56,9 @@ def motion_of(
     joints: Joints,
     dt: float,
     along: Along | None = None,
+    finer: int = 1,
 ) -> tuple[Array, Array]:
-    """Return positions x and velocities at N instants, (N, S, m), of one robot.
+    """Return positions x and velocities at N samples, (N, S, m), of one robot.
 
     Parameters
     ----------
@@ -70,18 +71,21 @@ def motion_of(
     drives
         What acts.
     dt
-        Time between instants, s; the steps of `drives` divide it.
+        Time between samples, s; the steps of `drives` divide it.
+    finer
+        How often in a sample the equations are taken; the steps in a sample are a multiple of it.
     along
         What effects add, of the motion that they act along; None: there are none.
     """
-    x, v = near, np.gradient(near, dt, axis=0)
+    x, v = between(near, np.gradient(near, dt, axis=0), dt, finer)
     for number in range(ROUNDS):
-        local = equations.about(x, v, dt if number else None)
+        local = equations.about(x, v, dt / finer if number else None, finer)
         if along is not None:
             # a spring or damper that is stiff beside the masses must act on the motion that comes out, too
-            added = along(local, x, v)
+            added = along(local.at_samples, x[::finer], v[::finer])
             local = replace(local, slope=local.slope + np.diag(added.stiffness))
-            push = added.push - (added.damping * 0.5 * (v[1:] + v[:-1]))[:, None]
+            known = 0.5 * (v[finer::finer] + v[:-1:finer])
+            push = added.push - (added.damping * known)[:, None]
             joints = replace(joints, push=push, grip=added.grip, damping=added.damping)
         found, speed = variants_of(equations, local, start, drives, joints, dt)
         found, speed = found[:, 0], speed[:, 0]
@@ -92,16 +96,18 @@ def motion_of(
         v = np.where(wild[:, None], v, np.clip(speed, -FASTEST, FASTEST))
         if change < SETTLED:
             break
-    return found, speed
+    return found[::finer], speed[::finer]
 
 
 def variants_of(
     equations: Linearised, local: Local, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float
 ) -> tuple[Array, Array]:
-    """Return positions and velocities at N instants, (N, V, S, m), of V variants by equations that are linear.
+    """Return positions and velocities at the instants of equations that are linear, (N, V, S, m), of V variants.
 
-    As `motion_of`; joints that do not couple are taken apart.
+    As `motion_of`; joints that do not couple are taken apart. `dt` is the time between samples, between which `joints`
+    tell what effects do.
     """
+    joints, dt = _in_parts(joints, local.finer), dt / local.finer
     instants, stretches, count = local.force.shape
     variants = joints.coulomb.shape[0]
     positions = np.empty((instants, variants, stretches, count))
@@ -121,14 +127,40 @@ def variants_of(
         )
         owner = np.array([[int(own[0]) if len(own) else -1 for own in row] for row in motors])
         x, v = advance(
-            moved, (start[0][:, taken], start[1][:, taken]), _on(drives, owner), _of(joints, owner, taken), dt
-        )
+            moved, (start[0][:, taken], start[1][:, taken]), _on(drives, owner, local.finer),
+            _of(joints, owner, taken), dt,
+        )  # fmt: skip
         positions[..., taken.ravel()] = x.reshape(*x.shape[:3], -1)
         velocities[..., taken.ravel()] = v.reshape(*v.shape[:3], -1)
     return positions, velocities
 
 
-def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
+def between(x: Array, v: Array, dt: float, finer: int) -> tuple[Array, Array]:
+    """Return a motion `finer` times per sample, by the cubic through positions and velocities (N, …) at two samples."""
+    if finer == 1:
+        return x, v
+    shape = (finer * (len(x) - 1) + 1, *x.shape[1:])
+    positions, velocities = np.empty((2, *shape))
+    for k in range(finer):
+        u = k / finer
+        h, own = [1 - u * u * (3 - 2 * u), u * u * (3 - 2 * u), u * (1 - u) ** 2, u * u * (u - 1)], slice(k, -1, finer)
+        g = [-6 * u * (1 - u), 6 * u * (1 - u), (1 - u) * (1 - 3 * u), u * (3 * u - 2)]
+        positions[own] = h[0] * x[:-1] + h[1] * x[1:] + dt * (h[2] * v[:-1] + h[3] * v[1:])
+        velocities[own] = (g[0] * x[:-1] + g[1] * x[1:]) / dt + g[2] * v[:-1] + g[3] * v[1:]
+    positions[-1], velocities[-1] = x[-1], v[-1]
+    return positions, velocities
+
+
+def _in_parts(joints: Joints, finer: int) -> Joints:
+    """Return what effects do in every part of a sample: what they do in the sample."""
+    if finer == 1 or joints.push is None:
+        return joints
+    push, grip = (part if part is None or len(part) == 1 else np.repeat(part, finer, axis=0)
+                  for part in (joints.push, joints.grip))  # fmt: skip
+    return replace(joints, push=push, grip=grip)
+
+
+def _on(drives: Drives, owner: NDArray[np.intp], finer: int) -> Drives:
     """Return what acts on the coordinates of chains; nothing on links behind a spring."""
     held = owner >= 0
     none = np.zeros_like(drives.kp)
@@ -137,7 +169,7 @@ def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
         np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, *parts)
     )
     return Drives(
-        told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing, holding, lag, drives.stepped
+        told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing, holding / finer, lag, drives.stepped
     )
 
 

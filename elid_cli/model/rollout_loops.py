@@ -119,7 +119,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             if holds[s, c, i] > 0.0:
                                 given = 0.0
                                 period = max(round(each / holds[s, c, i]), 1)
-                                phase = j % period
+                                phase = now % period
                                 if phase == 0:
                                     older[i] = sampled[i]
                                     sampled[i] = told[now, s, c, i] - kp[s, c, i] * x[i] - kd[s, c, i] * seen[i]

@@ -75,7 +75,7 @@ def advance_arrays(
     ki = 0.0 if drives.ki is None else drives.ki
     holds = np.zeros(drives.kp.shape, dtype=bool) if drives.held is None else drives.held > 0
     acting = np.where(holds, 0.0, 1.0)  # of what a drive gives as it moves within a sample
-    often = np.ones(drives.kp.shape) if drives.held is None else np.maximum(drives.held, 1.0)
+    often = np.where(holds, 1.0 if drives.held is None else drives.held, 1.0)  # in a part of a sample, or less
     periods = np.maximum(np.round(steps / often), 1)
     lag = np.zeros(drives.kp.shape) if drives.lag is None else drives.lag / h
     older = sampled = np.zeros(shape)
@@ -113,7 +113,8 @@ def advance_arrays(
             # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
             given = smooth * acting * (ramp * drives.kd + 0.25 * h * drives.kp) * gained
             if holds.any():
-                at, phase = k * steps + j, j % periods
+                at = k * steps + j
+                phase = at % periods
                 computed = drives.told[at] - drives.kp * x - drives.kd * seen - ki * summed
                 older = computed if at == 0 else np.where(phase == 0, sampled, older)
                 sampled = np.where(phase == 0, computed, sampled)

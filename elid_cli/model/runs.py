@@ -21,8 +21,13 @@ from elid_cli.signals.recording import Recording
 
 SHORTEST = 5
 """Samples of the shortest stretch that is simulated."""
-STARTING = 7
-"""Samples whose positions give the velocity at the start, where none is logged."""
+WINDOW, MOSTLY = 1e-2, 0.99
+"""s over which speeds of a motion are looked at, and part of them that are no larger."""
+FAR, BENT = 1e-2, 2e-4
+"""rad (m) that a motion goes from one instant at which equations are taken to the next, and by which it is off a line
+between."""
+STARTING, LEAST, MOST = 0.015, 3, 7
+"""s whose positions give the velocity at the start, where none is logged, and how many samples these are."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,14 @@ class Run:
 
     smooth: bool | None = None
     """Whether commands change smoothly from sample to sample: the drives were told more than the log holds."""
+    quick: int = 1
+    """How often in a sample the equations of motion must be taken, at least: `quickness` of its motion."""
+
+    @property
+    def finer(self) -> int:
+        """How often in a sample the equations of motion are taken: a whole number of steps lies between."""
+        steps = len(self.drives.told) // (len(self.t) - 1)
+        return next(each for each in range(min(self.quick, steps), steps + 1) if steps % each == 0)
 
     def later(self, extra: Array) -> Run:
         """Return the run with drives that act later than the others by `extra`, s, (n,), once it is `delayed`."""
@@ -138,7 +151,7 @@ class Run:
         start = (np.stack([run.start[0] for run in runs]), np.stack([run.start[1] for run in runs]))
         near = np.stack([run.near for run in runs], axis=1)
         measured = np.stack([run.measured for run in runs], axis=1)
-        return cls(runs[0].t, measured, start, near, drives, runs[0].dt)
+        return cls(runs[0].t, measured, start, near, drives, runs[0].dt, quick=max(run.quick for run in runs))
 
 
 def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: Array, *, commanded: bool) -> list[Run]:
@@ -193,8 +206,22 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             drives = Drives(acting, kp[a], kd[a], limit)
             runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen,
                             aim=None if aims is None or before is None else aims[part] - before[a],
-                            smooth=recording.smooth))  # fmt: skip
+                            smooth=recording.smooth, quick=quickness(x, recording.dt)))  # fmt: skip
     return runs
+
+
+def quickness(x: Array, dt: float) -> int:
+    """Return how often in a sample the equations of motion change, along a motion (N, m): by so far as it moves.
+
+    Between two instants the equations are on a line, and the motion that they are about. Speeds and accelerations are
+    those over a window: those of a sample are noise.
+    """
+    wide = max(1, round(WINDOW / dt))
+    fast = np.abs(x[wide:] - x[:-wide]) / (wide * dt)
+    bend = np.abs(x[2 * wide :] - 2 * x[wide:-wide] + x[: -2 * wide]) / (wide * dt) ** 2
+    speed, gained = (float(np.quantile(part, MOSTLY)) if part.size else 0.0 for part in (fast, bend))
+    needed = max(dt * speed / FAR, dt * np.sqrt(gained / (8 * BENT)))
+    return int(np.clip(np.ceil(needed), 1, np.ceil(dt / STEP)))
 
 
 def _told(recording: Recording, robot: Robot, *, commanded: bool) -> tuple[Array, Array, Array]:
@@ -247,13 +274,18 @@ def _filled(values: Array) -> Array:
 
 def _speed(logged: Array, position: Array, part: slice, dt: float) -> Array:
     """Return the velocity at a stretch's start, (n,): as logged, or of a parabola through the first samples."""
-    first = position[part][:STARTING]
+    first = position[part][: starting(dt)]
     time = np.arange(len(first)) * dt
     ok = np.isfinite(first).all(axis=1)
     slope: Array = np.polyfit(time[ok], first[ok], min(2, int(np.count_nonzero(ok)) - 1))[-2]
     if logged.shape != position.shape:
         return slope
     return np.where(np.isfinite(logged[part.start]), logged[part.start], slope)
+
+
+def starting(dt: float) -> int:
+    """Return how many samples give the velocity at the start: over longer it changes, above all as a command does."""
+    return int(np.clip(round(STARTING / dt) + 1, LEAST, MOST))
 
 
 def _way(commanded: bool, smooth: bool | None) -> Literal["held", "smooth", "line"]:

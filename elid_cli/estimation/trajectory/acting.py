@@ -135,7 +135,7 @@ def scene_along(robot: Robot, x: Array, v: Array, local: Local, dt: float, param
     n, motors = robot.n, coordinates_of(robot).motors
     known = np.nan_to_num(parameters)
     t: Array = dt * np.arange(len(x), dtype=np.float64)
-    a = np.gradient(v, dt, axis=0)
+    a, local = np.gradient(v, dt, axis=0), local.at_samples
     need = np.einsum("nij,nj->ni", local.mass[:, 0], a) + local.force[:, 0]
     need += np.einsum("nij,nj->ni", local.slope[:, 0], x - local.place[:, 0])
     need += np.einsum("nij,nj->ni", local.swerve[:, 0], v - local.speed[:, 0])

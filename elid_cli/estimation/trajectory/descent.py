@@ -65,14 +65,14 @@ def descended(
             step = _farther(plain, last, found)
         last = plain
         trial = unknowns.possible(z + np.where(np.append(waiting, not prompt)[unknowns.chain_of], step, 0.0))
-        motions = [(item.x, item.v, item.local) for item in tracked]
+        motions = [(item.x, item.v, item.local, item.path) for item in tracked]
         tried, _ = passed(equations, tracked, unknowns, trial, parameters, columns)
         now = costs(tried, unknowns)
         fell = now <= cost + SLIGHT if prompt else np.full(len(cost), now.sum() <= cost.sum() + SLIGHT)
         z = np.where(np.append(fell, fell.all())[unknowns.chain_of], trial, z)
         if not fell.all():
             for item, motion in zip(tracked, motions, strict=True):
-                item.x, item.v, item.local = motion  # equations are not about a motion that ran away
+                item.x, item.v, item.local, item.path = motion  # equations are not about a motion that ran away
             waiting, last = ~fell, None
             damping = np.where(fell, damping, np.maximum(10 * damping, FIRST))
             if damping.max() > LAST:

@@ -15,7 +15,7 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, steps_of
 from elid_cli.model.drives import Drives, Fading, Joints
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.linearised import Linearised, Local
-from elid_cli.model.rollout import variants_of
+from elid_cli.model.rollout import between, variants_of
 from elid_cli.model.runs import Run
 
 SETTLING = 0.4
@@ -52,6 +52,8 @@ class Tracked:
     """What shorter steps change of the simulated positions, rad (m), (N, n)."""
     usual: Array | float = 1.0
     """Usual size of the error, rad (m), (n,): larger ones count less."""
+    path: tuple[Array, Array] | None = None
+    """The present motion at every instant of the equations; None: at the samples alone."""
 
     @classmethod
     def of(cls, run: Run) -> Tracked:
@@ -69,12 +71,14 @@ class Tracked:
         """Whether the present motion is near the one that the equations are about."""
         if self.local is None or not (self.local.curved or self.measured):
             return False
-        return bool(np.sqrt(np.mean((self.x - self.local.place[:, 0]) ** 2)) <= NEAR)
+        return bool(np.sqrt(np.mean((self.x - self.local.place[:: self.local.finer, 0]) ** 2)) <= NEAR)
 
     def equations(self, about: Linearised) -> Local:
         """Return the equations about a motion near the present one."""
         if self.local is None or not self.is_near:
-            self.local = about.about(self.x[:, None], self.v[:, None], None if self.measured else self.run.dt)
+            dt, finer = self.run.dt, self.run.finer
+            x, v = between(self.x, self.v, dt, finer) if self.path is None else self.path
+            self.local = about.about(x[:, None], v[:, None], None if self.measured else dt / finer, finer)
         return self.local
 
 
@@ -160,7 +164,7 @@ def _stepped(
     if groups and joints.push is not None:
         _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)
     if joints.push is not None:
-        x, v = (0.5 * (part[1:] + part[:-1]) for part in (item.x - local.place[:, 0], item.v))
+        x, v = (0.5 * (part[1:] + part[:-1]) for part in (item.x - local.at_samples.place[:, 0], item.v))
         known = stiffness * x + damping * v  # of the motion before; the rest of it acts on the one that comes out
         joints = replace(joints, push=joints.push - known[:, None, None], damping=damping)
         local = replace(local, slope=local.slope + np.diag(stiffness))
@@ -170,9 +174,11 @@ def _stepped(
     alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, ki, smoothing, held, lag,
                    drives.stepped)  # fmt: skip
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
-    x, v = x[:, :, 0], v[:, :, 0]
+    path, x, v = (x[:, 0, 0], v[:, 0, 0]), x[:: local.finer, :, 0], v[:: local.finer, :, 0]
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
-    item.x, item.v, item.measured = kept, np.where(kept == x[:, 0], v[:, 0], item.v), False
+    lost = kept != x[:, 0]
+    item.x, item.v, item.measured = kept, np.where(lost, item.v, v[:, 0]), False
+    item.path = None if lost.any() else path
     return x, v, steps, still
 
 

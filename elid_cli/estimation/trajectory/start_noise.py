@@ -17,7 +17,7 @@ from elid_cli.estimation.trajectory.loss import weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.linearised import Linearised
-from elid_cli.model.runs import STARTING
+from elid_cli.model.runs import starting
 
 
 def start_covariance(
@@ -57,5 +57,5 @@ def start_covariance(
 
 def _slope_noise(dt: float) -> float:
     """Return the standard deviation of a parabola's slope at the first of its samples, of noise of 1."""
-    time = dt * np.arange(STARTING)
+    time = dt * np.arange(starting(dt))
     return float(np.sqrt(np.linalg.inv(np.vander(time, 3).T @ np.vander(time, 3))[1, 1]))

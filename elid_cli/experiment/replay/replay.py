@@ -225,7 +225,7 @@ def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
         together = Run.together([runs[k] for k in numbers], equations.coordinates)
         x, _ = motion_of(
             equations, together.start, together.near, together.drives, joints, together.dt,
-            _along(robot, together.dt, len(together.t)),
+            _along(robot, together.dt, len(together.t)), together.finer,
         )  # fmt: skip
         for place, k in enumerate(numbers):
             found[k] = x[:, place][:, : robot.n]
