@@ -26,7 +26,7 @@ WINDOW, MOSTLY = 1e-2, 0.99
 FAR, BENT = 1e-2, 2e-4
 """rad (m) that a motion goes from one instant at which equations are taken to the next, and by which it is off a line
 between."""
-STARTING, LEAST, MOST = 0.015, 3, 7
+STARTING, LEAST, MOST = 0.03, 3, 7
 """s whose positions give the velocity at the start, where none is logged, and how many samples these are."""
 
 
