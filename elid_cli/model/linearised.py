@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +10,12 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.model.coordinates import chains_of, coordinates_of, side_by_side
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.regressor import inputs_of
+from elid_cli.model.regressor import INPUTS, fill_inputs, inputs_of
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 
+DIRECTION = 7
+"""Number of the motor's direction among a joint's inputs."""
 SLIGHT = 1e-5
 """Change of position, rad (m), or velocity for the slope of the torques."""
 
@@ -96,16 +99,17 @@ class Linearised:
         flat, speed = x.reshape(-1, count), v.reshape(-1, count)
         still, none = np.zeros_like(flat), np.zeros_like(flat)
         gained = none if dt is None else np.gradient(v, dt, axis=0).reshape(-1, count)
-        force = self._torques(flat, speed, none)
-        rest = self._torques(flat, still, none)
-        whole = force if dt is None else self._torques(flat, speed, gained)
+        moving, resting, whole = (
+            self._inputs(flat, *states) for states in ((speed, none), (still, none), (speed, gained))
+        )
+        force, rest, needed = (self._torques(inputs) for inputs in (moving, resting, whole))
         mass, slope, swerve = np.empty((3, *flat.shape, count))
         for moved in side_by_side(self._chain):
             unit = np.zeros_like(flat)
             unit[:, moved] = 1.0
-            pulled = self._torques(flat, still, unit) - rest
-            bent = (self._torques(flat + SLIGHT * unit, speed, gained) - whole) / SLIGHT
-            swerved = (self._torques(flat, speed + SLIGHT * unit, none) - force) / SLIGHT
+            pulled = self._beside(resting, moved, flat, still, unit) - rest
+            bent = (self._beside(whole, moved, flat + SLIGHT * unit, speed, gained) - needed) / SLIGHT
+            swerved = (self._beside(moving, moved, flat, speed + SLIGHT * unit, none) - force) / SLIGHT
             for k in moved:
                 own = self._chain == self._chain[k]
                 mass[:, :, k], slope[:, :, k] = np.where(own, pulled, 0.0), np.where(own, bent, 0.0)
@@ -114,15 +118,35 @@ class Linearised:
         mass, slope, swerve = (part.reshape(square) for part in (mass, slope, swerve))
         return Local(mass, force.reshape(x.shape), slope, swerve, x, v, dt is not None, finer)
 
-    def _torques(self, x: Array, v: Array, a: Array) -> Array:
+    def _motion(self, x: Array, v: Array, a: Array) -> Motion:
+        n, own = self.robot.n, self.coordinates.motors
+        return Motion(np.zeros(len(x)), x[:, :n], v[:, :n], a[:, :n], x[:, own], v[:, own], a[:, own])
+
+    def _inputs(self, x: Array, v: Array, a: Array) -> Array:
+        """Return the program's inputs, (9 n, N), of a motion of the coordinates, (N, m) each; without friction."""
+        inputs = inputs_of(self._motion(x, v, a))
+        inputs[DIRECTION::INPUTS] = 0.0
+        return inputs
+
+    def _beside(self, inputs: Array, moved: Sequence[int], x: Array, v: Array, a: Array) -> Array:
+        """Return the torques of a motion that differs at some coordinates from the one that the inputs are of."""
+        motion, every = self._motion(x, v, a), range(len(inputs))
+        joints = [k for k, own in enumerate(self.coordinates.motors.tolist()) if k in moved or own in moved]
+        rows = [INPUTS * joint + row for joint in joints for row in range(INPUTS)]
+        before = inputs[rows]
+        for joint in joints:
+            fill_inputs(inputs, motion, joint, every)
+        inputs[DIRECTION::INPUTS] = 0.0
+        found = self._torques(inputs)
+        inputs[rows] = before
+        return found
+
+    def _torques(self, inputs: Array) -> Array:
         """Return the torque on every coordinate, (N, m)."""
         n, own = self.robot.n, self.coordinates.motors
-        motion = Motion(np.zeros(len(x)), x[:, :n], v[:, :n], a[:, :n], x[:, own], v[:, own], a[:, own])
-        inputs = inputs_of(motion)
-        inputs[7::9] = 0.0
-        out = np.empty((2 * n, len(x)))
+        out = np.empty((2 * n, inputs.shape[1]))
         self._program.run(inputs, out)
-        found = np.zeros((len(x), self.coordinates.count))
+        found = np.zeros((inputs.shape[1], self.coordinates.count))
         found[:, :n] = out[:n].T
         found[:, own] += out[n:].T
         return found
