@@ -197,6 +197,12 @@ def test_a_diagnosis_that_leaves_nothing_open_is_told(saved: dict[str, Any], mad
         read_question(written(tmp_path, {**saved, "also_possible": [], "unexplained": []}), made.truth)
 
 
+def test_a_rival_without_values_is_no_absence_of_rivals(saved: dict[str, Any], made: Made, tmp_path: Path) -> None:
+    vague = [{**item, "parameters": {}} for item in saved["also_possible"]]
+    with pytest.raises(DataError, match=f"{TRUTH} .* from {RIVAL}|{RIVAL} .* from {TRUTH}"):
+        read_question(written(tmp_path, {**saved, "also_possible": vague, "unexplained": []}), made.truth)
+
+
 def test_words_that_are_no_json_are_refused(planar: Robot, tmp_path: Path) -> None:
     path = tmp_path / "words.json"
     path.write_text("words", "utf-8")

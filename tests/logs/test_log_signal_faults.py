@@ -455,7 +455,7 @@ def test_a_stiffness_of_a_rigid_joint_is_said_not_to_be_used(tmp_path: Path) -> 
     joints = [replace(j, transmission="rigid", parameters={**j.parameters, "K": 3000.0}) for j in ROBOT.joints[1:2]]
     stiff = replace(ROBOT, joints=(ROBOT.joints[0], *joints, *ROBOT.joints[2:]))
     said = [warning for warning in read_recording([path], stiff).warnings if "K is not used" in warning]
-    assert said == [f"{stiff.joint_names[1]}: the robot file's K is not used: it declares the transmission rigid"]
+    assert said == [f"{stiff.joint_names[1]}: the robot file's K is not used: the transmission counts as rigid"]
     assert not any("K is not used" in warning for warning in read_recording([path], ROBOT).warnings)
 
 

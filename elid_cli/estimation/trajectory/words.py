@@ -194,7 +194,7 @@ def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:
         return []
     leads = [1e3 * effect.shape[1] for effect in fit.effects if effect.softens]
     ahead = f", and acts {_span(leads)} ms ahead of it" if max(leads) > AHEAD else ""
-    less = 100 * min(gains.values())
+    less = min(100 * min(gains.values()), 99.0)
     return [
         f"friction of {', '.join(gains)} is simulated as one that fades in over a speed{ahead}, as simulators smooth "
         f"it (MuJoCo's default acts 9.5 ms ahead), not as one that holds a joint at rest: that takes {less:.2g} % or "

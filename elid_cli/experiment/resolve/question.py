@@ -164,6 +164,14 @@ def question_of(saved: Mapping[str, Any], robot: Robot, path: str = "diagnosis")
         raise _refused(path) from None
     if not question.groups:
         named = ", ".join(h.name for h in question.present) or "nothing"
+        if vague := [
+            f"{r['effect']} {r['joint'] or ''}".strip() for r in saved["also_possible"] if not r["parameters"]
+        ]:
+            raise DataError(
+                f"{path}: no motion can be planned to tell {named} from {', '.join(vague)}",
+                detail="of the latter the log leaves open what it would do elsewhere: it has no values",
+                hint="; ".join(dict.fromkeys(str(r["separate"]) for r in saved["also_possible"] if r.get("separate"))),
+            )
         raise DataError(
             f"{path}: the diagnosis leaves nothing open",
             detail=f"it names {named}, with no rival and nothing near to what stays unexplained",

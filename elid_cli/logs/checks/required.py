@@ -156,7 +156,7 @@ def _lacking(
         )
     idle = [joint.name for joint in robot.joints if not joint.elastic and "K" in joint.parameters]
     if idle:
-        warnings.append(f"{' '.join(idle)}: the robot file's K is not used: it declares the transmission rigid")
+        warnings.append(f"{' '.join(idle)}: the robot file's K is not used: the transmission counts as rigid")
     return warnings
 
 
