@@ -37,7 +37,8 @@ FINEST = 2.4e-4
 HALF = 0.1
 """Part of a step by which a delay may be off a whole number of steps less a half."""
 USUAL = 1, 2, 4, 5, 10
-"""Steps per sample that are tried beside drives that act later than they are told, where more than noise is left."""
+"""Steps per sample that are tried beside drives that act later than they are told: where more than noise is left, or
+the delay is known well enough to be one of whole steps."""
 SURE, LEAST = 3.0, 0.01
 """Standard errors, and part of a sample, by which drives act before they are told for that to count …"""
 SLIGHT = 5e-5
@@ -94,9 +95,10 @@ def _asked(fit: TrajectoryFit, signals: Signals) -> list[int]:
     if _lead(fit, LEAST * dt):
         ahead = [each for each in few if near[each] < HALF and not np.round(places[each]).any()]
         return sorted(ahead, key=lambda each: float(near[each]))[:1]
-    if not (fit.above_noise(signals) > AT_NOISE).any():
-        return []
-    return [each for each in USUAL if each in few and near[each] < HALF and np.round(places[each]).min() >= 0]
+    known = fit.deviation[fit.unknowns.delays].max()
+    left = bool((fit.above_noise(signals) > AT_NOISE).any())
+    return [each for each in USUAL if each in few and near[each] < HALF and np.round(places[each]).min() >= 0
+            and (left or (fit.delays.any() and known < HALF * dt / each))]  # fmt: skip
 
 
 def _late(fit: TrajectoryFit) -> Array:
