@@ -41,8 +41,8 @@ from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.posed import declared_pose
 from elid_cli.model.effects.shifts import corrected, declared_shifts
-from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.fitting_robot import check_joints
@@ -85,7 +85,8 @@ class DiagnoseOptions:
 
 def divided(robot: Robot, signals: Signals, *, others: bool = False) -> Log:
     """Return a log with its stretches divided into training folds and held-out ones; `others`: than the usual ones."""
-    level, model = robot, Regressor(levelled(robot))
+    pose = declared_pose(robot)
+    model = Regressor(pose.robot(robot))
     shifts = declared_shifts(model.robot)
     moved_signals = corrected(signals, shifts)
     observation = observe(model, moved_signals)
@@ -99,8 +100,8 @@ def divided(robot: Robot, signals: Signals, *, others: bool = False) -> Log:
         raw=signals,
         shifts=shifts,
         seen=shifts,
-        level=level,
-        tilt=declared_tilt(level),
+        level=robot,
+        pose=pose,
     )
 
 

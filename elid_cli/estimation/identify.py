@@ -13,12 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_pull_of_noise, with_scatter, with_unseen
-from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.drive_law import law_warnings
+from elid_cli.estimation.fit_in_pose import fit_in_pose
 from elid_cli.estimation.identified import Identified
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.known_load import with_load
@@ -32,14 +31,13 @@ from elid_cli.estimation.smooth_commands import as_told, noted
 from elid_cli.estimation.trajectory.doubtful_joints import driven
 from elid_cli.estimation.validation.prediction import errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
-from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import nuisance_of
-from elid_cli.model.effects.declared import as_observed
+from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.of_drives import with_loops
+from elid_cli.model.effects.posed import Pose
 from elid_cli.model.effects.shifts import free_of_delays
-from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals, check_signals
 
 __all__ = [
@@ -144,13 +142,13 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     whole, described, logged = robot, as_observed(robot, signals), signals
     plain = free_of_delays(described) if options.delays else described
     robot, signals = with_loops(plain, signals)
-    fit, tilt = _levelled_fit(robot, signals, options)
+    fit, pose = fit_in_pose(robot, signals, options)
     fit, refused, answer = judged(fit, options)
     judgement = judge_model(fit) if options.guards else None
     fit = with_pull_of_noise(with_scatter(fit, judgement), [judgement])
     if fit.doubted:
         answer = assemble(fit, options, refused)
-    found = with_unseen(_as_described(answer, robot, tilt), whole)
+    found = with_unseen(_as_described(answer, robot, pose), whole)
     doubtful, wrong = False, tuple[str, ...]()
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *rotor_warnings(found)))
@@ -165,7 +163,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
 
         return by_trajectory(replace(found, robot=described), logged, delays=options.delays)
     if options.accurate:
-        return _as_described(_accurate(fit, found, options, refused, judgement), robot, tilt)
+        return _as_described(_accurate(fit, found, options, refused, judgement), robot, pose)
     if options.chooses and signals.recording is not None and signals.recording.commanded.all():
         from elid_cli.estimation.trajectory.unasked import or_by_motion
 
@@ -265,27 +263,14 @@ def _merges(request: LogRequest, options: EstimateOptions) -> bool:
     return not reason and (len(request.logs) > 1 or bool(stored))
 
 
-def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> tuple[DefaultFit, Array]:
-    """Return the fit with gravity turned by the tilt that a declared effect stands for, and the tilt (2,), rad."""
-    level = levelled(robot)
-    model = Regressor(level)
-
-    def left(fit: DefaultFit) -> Array:
-        declared = zip(fit.effects.effects if fit.effects else (), fit.amplitudes(), strict=True)
-        return next((values for item, values in declared if item.effect.turns_gravity), np.zeros(2))
-
-    def again(fit: DefaultFit, tilt: Array) -> DefaultFit:
-        turned = Regressor(replace(level, gravity=tilted(robot, tilt).gravity))
-        return fit_log(turned, find_base(turned), fit.signals, options)
-
-    return settled(fit_best(model, find_base(model), signals, options), declared_tilt(robot), left, again)
-
-
-def _as_described(found: Identification, robot: Robot, tilt: Array) -> Identification:
-    """Return the identification as one of the level robot with its whole tilt as an effect."""
-    if not np.any(tilt):
+def _as_described(found: Identification, robot: Robot, pose: Pose) -> Identification:
+    """Return the identification as one of the robot as described, with all that turns its model as effects."""
+    if not pose:
         return found
-    effects = tuple(replace(e, parameters=untilted({}, tilt)) if is_tilt(e.effect) else e for e in found.effects)
+    effects = tuple(
+        replace(e, parameters=pose.whole(*resolve(robot, EffectSpec(e.effect, e.joint, {})), e.parameters))
+        for e in found.effects
+    )
     return replace(found, robot=robot, effects=effects)
 
 

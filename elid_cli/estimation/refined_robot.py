@@ -14,7 +14,7 @@ from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency
-from elid_cli.model.effects.tilt import levelled
+from elid_cli.model.effects.posed import as_posed
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import POSITIVE, StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
@@ -195,7 +195,7 @@ def refined_robot(
 ) -> Robot:
     """Return the robot with standard parameters (p,), but for the unknown ones, and effects in place of its own."""
     values = dict(zip(robot.parameter_names(), standard, strict=True))
-    classes = find_base(Regressor(levelled(replace(robot, effects=tuple(effects))))).classes
+    classes = find_base(Regressor(as_posed(replace(robot, effects=tuple(effects))))).classes
     joints = []
     for number, joint in enumerate(robot.joints):
         own = [p for p in values if p.joint == number and p not in unknown]

@@ -135,7 +135,7 @@ def test_a_tilt_counts_with_what_the_model_is_turned_by() -> None:
     parted = divided(made.robot, signals)
     kind = effect_classes()["gravity_direction"]
     state = refreshed(fit(parted, [kind(0)]))
-    assert np.any(state.log.tilt)
+    assert np.any(state.log.pose.tilt)
     assert _chance(state, 0) < 1e-9
     assert np.abs(state.coefficients(0)).max() < 0.01 * np.abs(_amplitudes(state, 0)).max()
 

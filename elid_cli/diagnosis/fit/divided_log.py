@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli._types import Array
 from elid_cli.estimation.data import SampledData
 from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.regression.known_columns import KnownColumns
@@ -19,8 +18,8 @@ from elid_cli.estimation.validation.noise_floor import PropagatedNoise, propagat
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import declared_effects
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.posed import Pose
 from elid_cli.model.effects.shifts import Shifts, corrected
-from elid_cli.model.effects.tilt import tilted
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals, noise_between_jumps
@@ -43,9 +42,8 @@ class Log:
     seen: Shifts
     """By how much the robot file and the positions say that channels are late: they go back there without an effect."""
     level: Robot
-    """The robot as described; the model's has its gravity turned by `tilt`."""
-    tilt: Array
-    """Roll and pitch by which gravity is turned, rad, (2,)."""
+    """The robot as described; the model's is turned by `pose`."""
+    pose: Pose
     others: bool = False
     """Whether other stretches than the usual ones are held out."""
 
@@ -61,12 +59,10 @@ class Log:
         log = self.shifted(self.shifts.moved("link", joint, skew))
         return replace(log, seen=self.seen.moved("link", joint, skew))
 
-    def tilted(self, tilt: Array) -> Log:
-        """Return the log with the model in gravity turned by other angles."""
-        model = Regressor(tilted(self.level, tilt))
-        return replace(
-            self, model=model, base=find_base(model), observation=observe(model, self.signals), tilt=np.array(tilt)
-        )
+    def posed(self, pose: Pose) -> Log:
+        """Return the log with the model turned by another pose."""
+        model = Regressor(pose.robot(self.level))
+        return replace(self, model=model, base=find_base(model), observation=observe(model, self.signals), pose=pose)
 
     @cached_property
     def training(self) -> Observation:

@@ -29,8 +29,8 @@ from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Nuisance
 from elid_cli.model.effects.kinds import CurveEffect
+from elid_cli.model.effects.posed import Pose, settled, turns_model
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.effects.tilt import settled, untilted
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import POSITIVE
 from elid_cli.robot.robot import EffectSpec
@@ -103,7 +103,7 @@ class State:
         values = effect.named(self.scene, coefficients)
         if effect.corrects is not None:
             values[effect.amplitudes[0].name] += self.log.shifts.of(effect.corrects, effect.joint)
-        return untilted(values, self.log.tilt) if effect.turns_gravity else values
+        return self.log.pose.whole(type(effect), effect.joint, values)
 
     @property
     def delays(self) -> dict[int, float]:
@@ -242,9 +242,7 @@ def _held(log: Log, effects: Sequence[Effect], columns: Sequence[ExtraColumns]) 
 def refreshed(state: State) -> State:
     """Return the state fitted again with the scene of its own parameters, late channels moved by what was found."""
     for _ in range(_SHIFTING):
-        state = _levelled(agreed(state))
-        if np.any(state.log.tilt) and any(effect.from_model for effect in state.effects):
-            state = agreed(state)  # levelling leaves the columns of a fit without effects
+        state = agreed(_turned(state))  # turning leaves the columns of a fit without what turns
         shifts, change = found_shifts(state)
         if change <= _SETTLED * state.log.signals.dt:
             break
@@ -253,20 +251,23 @@ def refreshed(state: State) -> State:
     return state
 
 
-def _levelled(state: State) -> State:
-    """Return the state with gravity turned until nothing is left for the tilt's column to say."""
-    place = [k for k, effect in enumerate(state.effects) if effect.turns_gravity]
-    if not place:
+def _turned(state: State) -> State:
+    """Return the state with its model turned until nothing is left to say for the columns of effects that turn it."""
+    turning = [k for k, effect in enumerate(state.effects) if turns_model(type(effect))]
+    if not turning:
         return state
+    others = [effect for k, effect in enumerate(state.effects) if k not in turning]
 
-    def again(state: State, tilt: Array) -> State:
-        log = state.log.tilted(tilt)
-        # what the tilt brings to light is not in the old parameters: columns come from a fit without them
-        level = reweighted(log.data.triangles(state.nuisances), log.base.count).values
-        scene = scene_of(log.model, log.signals, level[: log.model.parameters])
-        return fit(log, state.effects, scene, but=state.but)
+    def again(state: State, pose: Pose) -> State:
+        log = state.log if pose is state.log.pose else state.log.posed(pose)
+        # what a turn brings to light, or bends, is not in the old parameters: columns come from a fit without it
+        lacking = fit(log, others, scene_of(log.model, log.signals, state.standard) if others else None, but=state.but)
+        return fit(log, state.effects, scene_of(log.model, log.signals, lacking.standard), but=state.but)
 
-    return settled(state, state.log.tilt, lambda state: state.coefficients(place[0]), again)[0]
+    def left(state: State) -> list[tuple[Effect, Array]]:
+        return [(state.effects[k], state.coefficients(k)) for k in turning]
+
+    return settled(again(state, state.log.pose), state.log.pose, left, again)[0]
 
 
 def agreed(state: State) -> State:
@@ -313,7 +314,7 @@ def _without(state: State, number: int) -> State:
         seen = log.seen.of(effect.corrects, effect.joint)
         if log.shifts.of(effect.corrects, effect.joint) != seen:
             log = log.shifted(log.shifts.moved(effect.corrects, effect.joint, seen))
-    if effect.turns_gravity and np.any(log.tilt):
-        log = log.tilted(np.zeros(2))
+    if log.pose.of(type(effect), effect.joint).any():
+        log = log.posed(log.pose.without(effect))
     but = state.but if effect.nuisance is None else state.but | {(effect.nuisance, effect.joint)}
     return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene, but=but)

@@ -29,6 +29,7 @@ from elid_cli.estimation.data import Solved
 from elid_cli.estimation.regression.standard_errors import covariance_of, freedom
 from elid_cli.estimation.stretches import stretch_of
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.posed import turns_model
 
 QUIET = 1.3
 """Residual over the noise floor of every row up to which nothing but noise is left."""
@@ -116,7 +117,7 @@ def _matters(state: State, number: int) -> bool:
     """Whether an effect's torque is more than what no simulation or spline is exact to, in some row."""
     rows = {row: c for row, c in state.columns[number].rows.items() if row in state.triangles.rows}
     sizes = {row: float(np.sqrt(np.mean((state.coefficients(number) @ c) ** 2))) for row, c in rows.items()}
-    turned = state.effects[number].turns_gravity  # its columns are what is left to turn
+    turned = turns_model(type(state.effects[number]))  # its columns are what is left to turn
     return turned or any(size > SMALLEST_TORQUE * state.triangles.torque_rms(row) for row, size in sizes.items())
 
 
@@ -140,9 +141,9 @@ def _chance(state: State, number: int) -> float:
 
 
 def _amplitudes(state: State, number: int) -> Array:
-    """Return an effect's coefficients, (d,); of angles by which the model's gravity is turned already, the angles."""
+    """Return an effect's coefficients, (d,); of angles by which the model is turned already, the angles."""
     effect = state.effects[number]
-    if not effect.turns_gravity:
+    if not turns_model(type(effect)):
         return state.coefficients(number)
     named = state.named(number)
     return np.array([named.get(parameter.name, 0.0) for parameter in effect.amplitudes])

@@ -51,7 +51,7 @@ class Collocated:
 
 def possible(log: Log) -> bool:
     """Whether the raw log can be collocated as it stands: no channel moved in time, no torque sensor, enough signal."""
-    raw = log.signals.recording is not None and not log.shifts and not np.any(log.tilt)
+    raw = log.signals.recording is not None and not log.shifts and not log.pose
     independent = len(log.observation.independent) == len(log.observation.groups)
     return raw and independent and signal_to_noise(log.signals, log.model) > LOWEST_SIGNAL
 

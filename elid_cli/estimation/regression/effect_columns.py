@@ -133,11 +133,9 @@ def _rounding(robot: Robot, signals: Signals) -> Array:
 def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
     """Return the scene that knows of effects with their amplitudes (d,) what the columns of others are made of.
 
-    That is from which zeros they read joints' positions, and the torque through the transmissions that they add to the
-    spring's, or take off it: of play, or of encoders that do not agree on zero.
+    That is the torque through the transmissions that they add to the spring's, or take off it: of play, or of encoders
+    that do not agree on zero.
     """
-    zeros = {effect.joint: float(linear[0]) for effect, linear in effects if effect.moves_zero}
-    scene = replace(scene, zeros=zeros, cache={}) if zeros else scene
     load = scene.load
     for effect, linear in effects:
         if effect.place in PASSING and np.isfinite(scene.stiffness[effect.joint]):

@@ -19,7 +19,7 @@ from elid_cli.estimation.sampling.draw import draw_sets
 from elid_cli.estimation.sampling.pool import Distribution, Origin
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import MARGIN, consistency
-from elid_cli.model.effects.tilt import levelled
+from elid_cli.model.effects.posed import as_posed
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import POSITIVE, StandardParameter
 from elid_cli.robot.robot import Robot
@@ -73,7 +73,7 @@ def as_identified(robot: Robot, found: Distribution) -> tuple[Robot, BaseParamet
 
 def other_combinations(robot: Robot, base: BaseParameters) -> bool:
     """Whether a robot's own base parameters of the same leaders are other combinations."""
-    own = find_base(Regressor(levelled(robot)))
+    own = find_base(Regressor(as_posed(robot)))
     place = {int(leader): k for k, leader in enumerate(own.leaders)}
     for leader, row in zip(base.leaders.tolist(), base.transform, strict=True):
         if leader in place and not np.allclose(own.transform[place[leader]], row, rtol=SAME, atol=SAME):

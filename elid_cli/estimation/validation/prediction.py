@@ -19,9 +19,9 @@ from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import with_loops
+from elid_cli.model.effects.posed import as_posed, declared_pose, turns_model
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.effects.shifts import corrected, declared_shifts, delivered, unshifted_robot
-from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals, check_signals
@@ -76,9 +76,9 @@ def validate(
         These are no signals, or those of other joints.
     """
     check_signals(signals, robot)
-    turned = bool(np.any(declared_tilt(robot)))
+    turned = bool(declared_pose(robot))
     asked, described, logged = signals, robot, signals
-    robot, signals = with_loops(levelled(as_observed(robot, signals)), signals)
+    robot, signals = with_loops(as_posed(as_observed(robot, signals)), signals)
     model = Regressor(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)
@@ -113,7 +113,7 @@ def validate(
 
 
 def _declared(robot: Robot, scene: Scene) -> list[tuple[Effect, Array]]:
-    """Return the effects that a robot declares with their amplitudes (d,), without shifts in time and tilts.
+    """Return the effects that a robot declares with their amplitudes (d,), but for shifts in time and what turns it.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def _declared(robot: Robot, scene: Scene) -> list[tuple[Effect, Array]]:
     found: list[tuple[Effect, Array]] = []
     for spec in unshifted_robot(robot).effects:
         kind, joint = resolve(robot, spec)
-        if kind.turns_gravity:
+        if turns_model(kind):
             continue
         try:
             linear, shape = kind.coefficients(scene, joint, spec.parameters)
@@ -218,7 +218,7 @@ def errors_by_log(
     """
     if len(files) < 2:
         return ()
-    observation = observe(Regressor(levelled(as_observed(robot, signals))), signals)
+    observation = observe(Regressor(as_posed(as_observed(robot, signals))), signals)
     sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.segment]
     judged = []
     for number, file in enumerate(files):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
@@ -62,8 +62,6 @@ class Scene:
     """Integral of kp (q_des - q) in logs of commands, N·m·s (N·s), (N, n); None in others."""
     tau_link: Array | None = None
     """Measured torque in the transmission, where joint torque sensors exist."""
-    zeros: Mapping[int, float] = field(default_factory=dict)
-    """By how much joints' positions are read too large, as far as that is known, rad (m)."""
     rounding: Array | None = None
     """Speed over which the sign of motors' velocity is rounded, (n,); None: `DIRECTION_WIDTH`."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)

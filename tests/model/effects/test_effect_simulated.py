@@ -14,6 +14,7 @@ from elid_cli.experiment.simulation import SimulationOptions
 from elid_cli.experiment.simulation.control import ControlOptions
 from elid_cli.experiment.simulation.run import Simulation, run
 from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.posed import as_posed
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 from tests.model.effects.effect_scenes import DT, planar, scene_of, torque_of
@@ -26,10 +27,10 @@ CHANGES = {
     "contact": {"time": 0.5},
     "payload": {"start": 0.55},
     "gravity_direction": {"roll": 0.01, "pitch": -0.004},
-    "encoder_zero": {"offset": 0.05},
+    "encoder_zero": {"offset": 0.01},
 }
-LEFT = {"hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2}
-"""Share of the effect that may remain: states between samples, the second order of turns."""
+LEFT = {"hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2, "encoder_zero": 0.1}
+"""Share of the effect that may remain: states between samples, the second order of what turns the model."""
 
 
 def values_of(name: str, robot: Robot) -> dict[str, float]:
@@ -79,6 +80,26 @@ def test_the_equations_hold_with_the_effect_and_fail_without(name: str) -> None:
         assert np.sqrt(np.mean(rest**2)) <= LEFT.get(name, 1e-6) * np.sqrt(np.mean(size**2)) + 1e-6
     # the other sign would be twice as wrong
     assert np.sqrt(np.mean((without - effect)[:, inner] ** 2)) > 1.5 * np.sqrt(np.mean(size**2))
+
+
+@pytest.mark.parametrize(("name", "values"), [
+    ("gravity_direction", {"roll": 0.1, "pitch": -0.3}), ("encoder_zero", {"offset": 0.9}),
+])  # fmt: skip
+def test_the_equations_hold_in_a_model_that_is_turned(name: str, values: Mapping[str, float]) -> None:
+    plain = planar()
+    robot = replace(plain, effects=(EffectSpec(name, None if LIBRARY[name].whole_robot else "joint1", values),))
+    options = SimulationOptions(duration=LENGTH, rate=1 / DT, control=ControlOptions(continuous=True))
+    result = run(robot, options)
+    motion = logged_motion(result, name, values)
+    turned = as_posed(robot)
+    assert [dict(spec.parameters) for spec in turned.effects] == [{}]
+    parameters = scene_of(plain, motion=motion).parameters
+    scale = np.sqrt(np.mean(result.recording.tau**2))
+    rest = [torque_of(model, motion, parameters) for model in (plain, turned)]
+    for torque in rest:
+        torque[1] -= result.recording.tau
+    off, exact = (float(np.sqrt(np.mean(torque[:, 25:-25] ** 2))) for torque in rest)
+    assert exact < 1e-6 * scale < 0.01 * scale < off
 
 
 @pytest.mark.parametrize("name", ["sensor_gain", "sensor_offset"])
