@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
@@ -28,15 +27,6 @@ def diagnosed(made: Made, log: Recording, *only: str) -> Diagnosis:
     return diagnose(
         made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(log.rate)), DiagnoseOptions(only=only)
     )
-
-
-@pytest.mark.parametrize("size", [0.03, 0.2])
-def test_an_encoders_zero_is_found(made: Made, size: float) -> None:
-    log, off = logged(made, Laws()), np.array([0.0, size, 0.0])
-    found = diagnosed(made, replace(log, q=log.q + off, theta=log.theta + off))
-    assert [(e.effect, e.joint) for e in found.effects] == [("encoder_zero", "j2")]
-    (effect,) = found.effects
-    assert abs(effect.parameters["offset"] - size) < 3 * effect.std_error["offset"] < 0.01
 
 
 def test_exchanged_torques_are_told_and_no_value_counts_as_known(made: Made) -> None:

@@ -20,6 +20,7 @@ from elid_cli.diagnosis.search.encoders_first import (
     seen_again,
     seen_in_positions,
 )
+from elid_cli.diagnosis.search.far_zeros import with_far_zeros
 from elid_cli.diagnosis.search.screening import best_of, score, sensible
 from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.estimation.regression.effect_shapes import fit_declared
@@ -78,10 +79,25 @@ def search(
         Processes that try effects side by side.
     """
     before = refreshed(fit(log, declared))
-    state, seen = seen_in_positions(before, library)
-    state, seen = against_friction(before, state, seen, library)
+
+    def onward(state: State, steps: Sequence[Step]) -> Found:
+        first = len(state.effects) - len(steps)
+        return _searched(state, steps, library, progress, jobs, before=before, declared=first)
+
+    return with_far_zeros(onward(before, ()), library, onward)
+
+
+def _searched(
+    state: State, steps: Sequence[Step], library: Mapping[str, type[Effect]], progress: Progress | None, jobs: int,
+    *, before: State, declared: int,
+) -> Found:  # fmt: skip
+    """Return what the search finds that goes on from a state and the steps that led to it."""
+    begun = state
+    state, seen = seen_in_positions(begun, library)
+    state, seen = against_friction(begun, state, seen, library)
     state = by_torques(state, seen)
-    state, steps = measurement_first(state, library)
+    state, more = measurement_first(state, library)
+    steps = [*steps, *more]
     candidates, remaining = list[Candidate](), list[Candidate]()
     tried, refusals, partial = 0, 0, False
     refused: dict[tuple[str, int], float] = {}
@@ -107,8 +123,8 @@ def search(
     except KeyboardInterrupt:  # whoever waits no longer gets what is found so far
         partial = True
     if not partial:
-        state, steps = _pruned(state, steps, len(declared))
-        state = polished(state, len(declared))
+        state, steps = _pruned(state, steps, declared)
+        state = polished(state, declared)
     return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen, partial=partial)
 
 
