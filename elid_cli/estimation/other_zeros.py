@@ -39,7 +39,7 @@ def misfit(triangles: Triangles, rank: int) -> float:
 
 
 def valleys(joints: Iterable[int], here: float, cost: Callable[[int, float], float]) -> list[Valley]:
-    """Return the valleys of the misfit over the zeros of single joints, lowest first, but for that of those present.
+    """Return the valleys of the misfit over the zeros of single joints, lowest first, that are below the present ones.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def valleys(joints: Iterable[int], here: float, cost: Callable[[int, float], flo
     for joint in joints:
         around = [here, *(cost(joint, k * step) for k in range(1, STARTS))]
         lowest = [k for k in range(1, STARTS) if around[k] <= min(around[k - 1], around[(k + 1) % STARTS])]
-        found += [Valley(around[k], joint, k * step) for k in lowest]
+        found += [Valley(around[k], joint, k * step) for k in lowest if around[k] < here]
     followed = []
     for valley in sorted(found)[:FOLLOWED]:
         low, high = valley.offset - step, valley.offset + step

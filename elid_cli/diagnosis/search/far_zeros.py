@@ -34,6 +34,9 @@ LEFT = 0.5
 FAR = 0.5
 """rad; zero from which that of a search may be the ground of a valley that is not the lowest: half a turn from the
 right one, gravity only changes its sign, which first moments can take up."""
+DEEP = 0.015
+"""Mean logarithm by which residuals must fall in a valley, for it to be a zero's: for parked joints, or effects that
+nothing explains, some turn of a joint is a little better, by up to half as much."""
 MOST = 3
 """Most of such zeros in one log."""
 
@@ -102,7 +105,10 @@ def _next(state: State, kind: type[Effect]) -> tuple[State, Step] | None:
     def cost(joint: int, offset: float) -> float:
         return _misfit(state, state.log.pose.moved(kind(joint), np.array([offset])))
 
-    for valley in valleys(joints, _misfit(state, state.log.pose), cost):
+    here, least = _misfit(state, state.log.pose), DEEP * sum(t.count for t in state.triangles.items)
+    for valley in valleys(joints, here, cost):
+        if here - valley.misfit < least:
+            break
         effect = kind(valley.joint)
         log = state.log.posed(state.log.pose.moved(effect, np.array([valley.offset])))
         grown = refreshed(fit(log, (*state.effects, effect), but=state.but))
