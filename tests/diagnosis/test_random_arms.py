@@ -51,6 +51,21 @@ def test_a_tilted_base_is_found_exactly_and_left_nothing_but_noise() -> None:
     assert again.error["j3"].rms == found.after["j3"].rms
 
 
+@pytest.mark.parametrize("arm", [3, 6])
+def test_a_tilt_is_scored_with_the_moments_that_it_brings_to_light(arm: int) -> None:
+    """Most of its torque may be that of first moments which a level robot never shows: its column lacks them."""
+    made = make(arm, rate=250.0, duration=10.0)
+    tilted = log_of(made, laws_of("gravity_direction", made, 0))
+    log = recorded(made, tilted, db=75.0, counts=0.0, torque=0.01, colour=0.0, seed=arm)
+    signals = prepare(log, made.robot, SignalOptions.for_diagnosis(log.rate))
+    found = diagnose(made.robot, signals, DiagnoseOptions(only=("gravity_direction", "link_spring")))
+    (effect,) = found.effects
+    assert effect.effect == "gravity_direction"
+    for name, size in (("roll", -0.025), ("pitch", -0.02)):
+        assert abs(effect.parameters[name] - size) < 3 * effect.std_error[name] < 0.02
+    assert not found.unexplained
+
+
 def test_a_declared_tilt_is_estimated_with_the_parameters_that_it_brings_to_light() -> None:
     """Declared without values, it is found as by the diagnosis, and the robot has two base parameters more."""
     made, signals = logged(2, "gravity_direction")

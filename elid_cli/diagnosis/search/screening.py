@@ -9,7 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.fit.gain import JUDGED, Gain, settled
-from elid_cli.diagnosis.fit.state import State, fit
+from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.side_by_side import side_by_side
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
@@ -104,12 +104,8 @@ def best_of(
     )
     found = _judged(found, waiting, least)
     high = found[:REFITTED]
-    found[:REFITTED] = side_by_side(
-        lambda k: refitted(state, high[k]) if high[k].effect.place in ("spring", "encoder") else high[k],
-        len(high),
-        jobs,
-    )
-    return found, count
+    found[:REFITTED] = side_by_side(lambda k: _fitted(state, high[k]), len(high), jobs)
+    return sorted(found, key=lambda c: -c.net), count
 
 
 def _judged(found: list[Candidate], waiting: list[Candidate], least: float) -> list[Candidate]:
@@ -121,6 +117,33 @@ def _judged(found: list[Candidate], waiting: list[Candidate], least: float) -> l
         found = [*found, *_settled(waiting[-JUDGED:])]
         del waiting[-JUDGED:]
     return sorted(found, key=lambda c: -c.net)
+
+
+def _fitted(state: State, candidate: Candidate) -> Candidate:
+    """Return the candidate with what only a fit tells of it, where its columns at the present model do not."""
+    if candidate.effect.turns_gravity:
+        return _leaning(state, candidate)
+    return refitted(state, candidate) if candidate.effect.place in ("spring", "encoder") else candidate
+
+
+def _leaning(state: State, candidate: Candidate) -> Candidate:
+    """Return a tilt of the base with the torque that it has for the parameters of a model that leans so.
+
+    On level ground some first moments never show. What a tilt makes of them may be most of its torque, and the present
+    parameters know nothing of it; each of them is a parameter that the tilt costs.
+    """
+    log, effect = state.log, candidate.effect
+    grown = refreshed(fit(log, (*state.effects, effect), state.scene, but=state.but))
+    values = grown.named(len(grown.effects) - 1)
+    columns = extra_of(effect, scene_of(log.model, log.signals, grown.standard), log.signals)
+    gain = state.projected.gain(columns.rows)
+    if gain is None or not sensible(effect, grown.scene, values):
+        return candidate
+    (gain,) = settled([gain])
+    shown = max(grown.log.base.count - log.base.count, 0)
+    choice = candidate.choice + 0.5 * shown * float(np.log(max(gain.count * gain.share, 2.0)))
+    leaning = replace(candidate, columns=columns, gain=gain, choice=choice, values=values, plausible=True)
+    return max(candidate, leaning, key=lambda c: (c.supported, c.net))
 
 
 def refitted(state: State, candidate: Candidate) -> Candidate:
