@@ -16,7 +16,9 @@ from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.other_forms import moved_between
 from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import Step
+from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.model.effects import effect_classes, effect_that
+from elid_cli.model.effects.posed import turns_model
 from elid_cli.robot.robot import Robot
 
 
@@ -99,7 +101,11 @@ class _InPlace(NamedTuple):
 def _in_its_place(state: State, number: int, rival: Candidate) -> _InPlace:
     """Return what a rival is from a fit with it in the place of effect `number`."""
     lacking = without(state, number)
-    other = refreshed(fit(lacking.log, (*lacking.effects, rival.effect), lacking.scene, but=lacking.but))
+    log, scene = lacking.log, lacking.scene
+    if turns_model(type(rival.effect)):  # begun where it was found: the first step from nothing may lead elsewhere
+        log = log.posed(log.pose.moved(rival.effect, np.array(list(rival.values.values()))))
+        scene = scene_of(log.model, log.signals, lacking.standard)
+    other = refreshed(fit(log, (*lacking.effects, rival.effect), scene, but=lacking.but))
     last = len(other.effects) - 1
     values = other.named(last)
     if not sensible(other.effects[last], other.scene, values):

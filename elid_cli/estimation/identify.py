@@ -163,7 +163,8 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
 
         return by_trajectory(replace(found, robot=described), logged, delays=options.delays)
     if options.accurate:
-        return _as_described(_accurate(fit, found, options, refused, judgement), robot, pose)
+        answer = _accurate(fit, found, options, refused, judgement)
+        return _as_described(answer, robot, pose) if answer.estimator == "accurate" else answer
     if options.chooses and signals.recording is not None and signals.recording.commanded.all():
         from elid_cli.estimation.trajectory.unasked import or_by_motion
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.estimation.identify import Identification, identify
+from elid_cli.estimation.identify import EstimateOptions, Identification, identify
 from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording
@@ -69,6 +69,14 @@ def test_a_declared_zero_leaves_no_parameter_off(made: Made, given: dict[str, fl
     (effect,) = found.effects
     assert abs(effect.parameters["offset"] - size) < 4 * effect.std_error["offset"] < 0.02
     assert furthest(found, made) < CLEARLY
+
+
+def test_an_accurate_estimate_counts_a_zero_once(made: Made) -> None:
+    size = 0.6
+    log = logged(made, (0.0, size, 0.0))
+    robot = replace(made.robot, effects=(EffectSpec("encoder_zero", "j2", {}),))
+    (effect,) = identify(robot, prepare(log, robot), EstimateOptions(accurate=True)).effects
+    assert abs(effect.parameters["offset"] - size) < 0.02
 
 
 def test_two_quarter_turns_are_found() -> None:

@@ -22,9 +22,8 @@ from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
 from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed
 from elid_cli.diagnosis.search.acceptance import SMALLEST_TORQUE
 from elid_cli.diagnosis.search.candidate import FOLDS_LOST
-from elid_cli.diagnosis.search.forward import best_step
 from elid_cli.diagnosis.search.screening import screen, sensible
-from elid_cli.diagnosis.search.steps import Found, Step
+from elid_cli.diagnosis.search.steps import Found, Step, best_step
 from elid_cli.estimation.data import Solved
 from elid_cli.estimation.regression.standard_errors import covariance_of, freedom
 from elid_cli.estimation.stretches import stretch_of

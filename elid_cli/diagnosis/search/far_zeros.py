@@ -4,7 +4,7 @@ The search adds what a column of the present model explains best. Of a zero far 
 pose, and what looks best is something else, or nothing. So where rows are left that nothing explains, other zeros are
 tried from the model before, each joint's around the whole circle (`other_zeros`). One is taken as a first step where it
 is worth its parameter as any effect has to be, and where with it the search leaves far less unexplained; or, where it
-had found a zero that is far off itself, where stretches that are left out are predicted better.
+had found a zero that is far off itself, where stretches that are left out are predicted as well.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from elid_cli.diagnosis.residuals import rows_of
 from elid_cli.diagnosis.search.acceptance import left_out_error, worthwhile
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.screening import sensible
-from elid_cli.diagnosis.search.steps import Found, Step
+from elid_cli.diagnosis.search.steps import Found, Step, best_step
 from elid_cli.estimation.other_zeros import STARTS, misfit, valleys
 from elid_cli.estimation.regression.nuisances import offset_columns
 from elid_cli.estimation.regression.observation import observe
@@ -37,6 +37,8 @@ right one, gravity only changes its sign, which first moments can take up."""
 DEEP = 0.015
 """Mean logarithm by which residuals must fall in a valley, for it to be a zero's: for parked joints, or effects that
 nothing explains, some turn of a joint is a little better, by up to half as much."""
+ALIKE = 1e-3
+"""Part by which the error of left-out folds may be larger where the same is found again, with what else it could be."""
 MOST = 3
 """Most of such zeros in one log."""
 
@@ -72,10 +74,10 @@ def with_far_zeros(found: Found, library: Mapping[str, type[Effect]], again: Sea
 
 
 def _nearer(one: State, other: State) -> bool:
-    """Whether a model with no more effects predicts folds that are left out better than another, in the same units."""
+    """Whether a model with no more effects predicts folds that are left out as well as another, in the same units."""
     rows = [row for row in one.triangles.rows if row in other.triangles.rows]
-    better = left_out_error(one, other, rows) < left_out_error(other, other, rows)
-    return better and len(one.effects) <= len(other.effects)
+    as_well = left_out_error(one, other, rows) < (1.0 + ALIKE) * left_out_error(other, other, rows)
+    return as_well and len(one.effects) <= len(other.effects)
 
 
 def _unexplained(state: State) -> float:
@@ -106,6 +108,7 @@ def _next(state: State, kind: type[Effect]) -> tuple[State, Step] | None:
         return _misfit(state, state.log.pose.moved(kind(joint), np.array([offset])))
 
     here, least = _misfit(state, state.log.pose), DEEP * sum(t.count for t in state.triangles.items)
+    able = list[tuple[Candidate, State]]()
     for valley in valleys(joints, here, cost):
         if here - valley.misfit < least:
             break
@@ -114,8 +117,12 @@ def _next(state: State, kind: type[Effect]) -> tuple[State, Step] | None:
         grown = refreshed(fit(log, (*state.effects, effect), but=state.but))
         candidate = _candidate(state, grown, len(joints))
         if candidate is not None and candidate.supported and candidate.net > 0 and worthwhile(state, grown, candidate):
-            return grown, Step(candidate, ())
-    return None
+            able.append((candidate, grown))
+    if not able:
+        return None
+    best = {candidate.key: candidate for candidate, _ in sorted(able, key=lambda pair: pair[0].gain.whole)}
+    step = best_step(list(best.values()))
+    return next(grown for candidate, grown in able if candidate is step.candidate), step
 
 
 def _misfit(state: State, pose: Pose) -> float:

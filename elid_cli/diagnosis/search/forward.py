@@ -22,10 +22,9 @@ from elid_cli.diagnosis.search.encoders_first import (
 )
 from elid_cli.diagnosis.search.far_zeros import with_far_zeros
 from elid_cli.diagnosis.search.screening import best_of, score, sensible
-from elid_cli.diagnosis.search.steps import Found, Step
+from elid_cli.diagnosis.search.steps import TWIN_SHARE, Found, Step, are_twins, best_step
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.model.effects import twins_of
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import EffectSpec
@@ -34,12 +33,6 @@ NET = 12.0
 """Net log-likelihood an effect must gain."""
 NET_AT_FLOOR = 60.0
 """The same when no row is above its floor: noise that enters columns imitates effects by up to 45."""
-NEAR = 10.0
-"""Effects whose net gain is this near to the best cannot be told apart from it …"""
-NEAR_SHARE = 0.01
-"""… or whose gain differs by this part: then the form of the curve decides, which a log can only hint at."""
-TWIN_SHARE = 0.7
-"""Part of the best gain from which a declared twin is named as possible, too."""
 KEPT = 0.03
 """Part of the left-out error that an effect must take away to be kept whatever its likelihood."""
 PASSED = 0.6
@@ -48,8 +41,6 @@ STEPS = 14
 """Most candidates that are fitted in full …"""
 REFUSALS = 8
 """… and most that may turn out not to be worth their parameters."""
-EVEN = 0.5
-"""Difference in log-likelihood that says nothing."""
 AGAIN = 2.0
 """Growth of its net gain, after others were accepted, from which an effect that was not worth it is tried again."""
 POSSIBLE = 6
@@ -158,23 +149,6 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     return _possible(state, step, candidates) if state.impossible else step
 
 
-def best_step(able: Sequence[Candidate]) -> Step:
-    """Return the best of some supported candidates with those that cannot be told apart from it."""
-    most = max(able, key=lambda c: c.gain.whole)
-    share = most.gain.likelihood / most.gain.whole if most.gain.whole > 0 else 1.0
-    able = sorted(able, key=lambda c: -c.merit(share))
-    highest = able[0].merit(share)
-    near = [c for c in able if c.merit(share) > highest - max(NEAR, NEAR_SHARE * highest)]
-    # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
-    fewest = min((c.size, c.gain.width) for c in near)
-    simplest = [c for c in near if (c.size, c.gain.width) == fewest]
-    # of twins that differ by less than chance a joint's own effect goes before the whole robot's
-    top = max(c.merit(share) for c in simplest)
-    best = min(simplest, key=lambda c: (c.merit(share) <= top - EVEN, c.effect.whole_robot, -c.merit(share)))
-    twins = [c for c in able if c not in near and _twins(best, c) and c.merit(share) > TWIN_SHARE * highest]
-    return Step(best, tuple(c for c in (*near, *twins) if c is not best))
-
-
 def _possible(state: State, step: Step, candidates: Sequence[Candidate]) -> Step:
     """Return the step, or where parameters are impossible the supported candidate that makes most of them possible.
 
@@ -192,13 +166,6 @@ def _possible(state: State, step: Step, candidates: Sequence[Candidate]) -> Step
     if best is step.candidate:
         return step
     return Step(best, tuple(c for c in (step.candidate, *step.rivals) if c is not best))
-
-
-def _twins(one: Candidate, other: Candidate) -> bool:
-    """Whether two candidates are declared to imitate each other at this place."""
-    kinds = type(one.effect), type(other.effect)
-    named = kinds[1].name in twins_of(kinds[0])
-    return named and (one.effect.joint == other.effect.joint or any(kind.whole_robot for kind in kinds))
 
 
 def _within(state: State, candidate: Candidate) -> bool:
@@ -236,7 +203,7 @@ def outdone(gone: Candidate, step: Step, *, later: bool) -> bool:
 def beside(step: Step, gone: Candidate) -> Step:
     """Return a step with an effect that was dropped for it as a rival, where the two imitate each other."""
     known = gone.key in [c.key for c in step.rivals]
-    return step if known or not _twins(step.candidate, gone) else replace(step, rivals=(*step.rivals, gone))
+    return step if known or not are_twins(step.candidate, gone) else replace(step, rivals=(*step.rivals, gone))
 
 
 def polished(state: State, declared: int) -> State:

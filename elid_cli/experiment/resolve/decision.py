@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.search.forward import NEAR, NEAR_SHARE, NET, TWIN_SHARE
+from elid_cli.diagnosis.search.forward import NET
+from elid_cli.diagnosis.search.steps import NEAR, NEAR_SHARE, TWIN_SHARE
 from elid_cli.estimation.stretches import HELD_OUT, SEARCHED
 
 TRAINED = 1.0 - len(HELD_OUT) / SEARCHED
