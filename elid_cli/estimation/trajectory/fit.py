@@ -83,6 +83,9 @@ class TrajectoryFit:
     """Whether a simulator's steps with implicit damping of the drives explain the motion as well as explicit ones."""
     ahead: float = 0.0
     """By how much drives act before they are told without a simulator's steps that show, s: the errors count it."""
+    unseen: float | None = None
+    """Longest period, s, of loops that hold their torque which the motion tells from ones that act all the time no
+    better than chance would; None: not looked at, or as long as a sample."""
     loops: tuple[int, ...] = ()
     """How often per sample loops that hold their torque may run as well: the errors count it."""
     shifts: tuple[Array, ...] = ()

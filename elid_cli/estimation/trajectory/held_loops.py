@@ -22,6 +22,7 @@ from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.timing_doubts import counting
 from elid_cli.estimation.trajectory.unknowns import KINDS
+from elid_cli.estimation.trajectory.unseen_loops import LITTLE, SHORTEST, by_delay, by_motion
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops
 from elid_cli.model.runs import Run
@@ -46,12 +47,6 @@ ALWAYS = 0
 """Said of loops that act all the time."""
 OFTEN = 2, 4, 5, 8, 10
 """How often in a sample loops may run, beside once."""
-SHORTEST = 1.9e-3
-"""Shortest period of these, s: motion hardly shows shorter ones. Measured: simulated legs with encoders of 16 bit and
-loops of 1 ms less than two integrators do, of 2 ms twice as much as counts as clear, of 5 ms fifty times."""
-LITTLE = 0.01
-"""Sum over the joints of the logarithm of the error's size by which loops that run several times per sample must be
-nearer: two integrators of the same plant differ by up to a third of it."""
 FIRMLY = 5.0
 """Times what counts as clear by which loops that act all the time must be nearer for the others to be ruled out."""
 BENT = 0.3
@@ -60,10 +55,10 @@ SHOWN, SMALL = 3.0, 0.03
 """Standard errors, and part of a value, beyond which a change is worth asking for."""
 
 
-def less_by_holding(recording: Recording) -> Array:
-    """Return by how much inertia and viscous friction come out too small beside loops that hold, (n, 2)."""
+def less_by_holding(fit: TrajectoryFit, recording: Recording) -> Array:
+    """Return by how much inertia and viscous friction come out too small beside loops that may hold, (n, 2)."""
     gains = np.stack([np.nanmean(recording.commands[name], axis=0) for name in ("kd", "kp")], axis=1)
-    found: Array = 0.5 * recording.dt * gains
+    found: Array = 0.5 * (recording.dt if fit.unseen is None else fit.unseen) * gains
     return found
 
 
@@ -71,16 +66,16 @@ def matters(fit: TrajectoryFit, recording: Recording) -> NDArray[np.bool_]:
     """Return of which inertia and viscous friction that would be worth a word, (n, 2)."""
     errors = fit.unknowns.joint_values(fit.deviation)[:, [0, 2]]
     least = np.maximum(SHOWN * errors, SMALL * fit.values[:, [0, 2]])
-    found: NDArray[np.bool_] = fit.shown[:, [0, 2]] & (less_by_holding(recording) > least)
+    found: NDArray[np.bool_] = fit.shown[:, [0, 2]] & (less_by_holding(fit, recording) > least)
     return found
 
 
 def loops_bend(fit: TrajectoryFit, recording: Recording) -> bool:
     """Whether loops that hold, which the motion says nothing of, would bend inertia or viscous friction much."""
-    if fit.at_once or any(not _plain(item.run) for item in fit.tracked):
+    if any(not _plain(item.run) for item in fit.tracked):
         return False
     values = fit.values[:, [0, 2]]
-    return bool((matters(fit, recording) & (less_by_holding(recording) > BENT * values)).any())
+    return bool((matters(fit, recording) & (less_by_holding(fit, recording) > BENT * values)).any())
 
 
 def _plain(run: Run) -> bool:
@@ -106,13 +101,15 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     above = fit.above_noise(signals)
     declared = declared_loops(fit.unknowns.robot).any() or any(item.run.drives.held is not None for item in fit.tracked)
     bound = bool(at_bound(fit).any())
-    if recording is None or recording.smooth or declared or (above > (FAR if bound else NEAR)).any():
+    if recording is None or declared or (above > (FAR if bound else NEAR)).any():
         return fit
+    if recording.smooth:
+        return replace(fit, unseen=by_delay(free, recording.dt))
     if not bound and not matters(fit, recording).any():
         return fit  # drives that are told more often than is logged act more often, too
     tried = _every(free, recording.dt) if bound else _foreseen(free, recording.dt)
     if not tried:
-        return fit
+        return replace(fit, unseen=by_motion(free, tried, recording.dt))
     once, near = tried.get(1), max(nearer_by(one, free) for one in tried.values())
     # of those that are as near the one that runs least often: at the log's rate, if it may be
     alike = {often: one for often, one in tried.items() if nearer_by(one, free) > near - LITTLE}
@@ -124,7 +121,8 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     if clear:
         return _counting_others(best, alike, often)
     by = -np.inf if once is None else nearer_by(once, free)
-    return replace(fit, at_once=bool(best is once and by < -FIRMLY * least_of(fit) and (above <= AT_NOISE).all()))
+    at_once = bool(best is once and by < -FIRMLY * least_of(fit) and (above <= AT_NOISE).all())
+    return replace(fit, at_once=at_once, unseen=by_motion(free, tried, recording.dt))
 
 
 def _counting_others(best: TrajectoryFit, alike: dict[int, TrajectoryFit], often: int) -> TrajectoryFit:

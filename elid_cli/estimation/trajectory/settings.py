@@ -47,6 +47,7 @@ def settings_of(found: Identification, fit: TrajectoryFit, moves: NDArray[np.boo
         "steps": fit.steps,
         "delays": fit.delays.tolist(),
         "fading_friction": softness(robot, fit),
+        **({} if fit.unseen is None else {"unseen_loop": fit.unseen}),
         "position_rms": dict(zip(robot.joint_names, fit.rms.tolist(), strict=True)),
         "position_rms_before": dict(zip(robot.joint_names, fit.rms_before.tolist(), strict=True)),
         "joint_parameters": {

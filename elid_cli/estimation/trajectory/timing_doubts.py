@@ -22,4 +22,4 @@ def counting(fit: TrajectoryFit, shifts: Sequence[Array]) -> TrajectoryFit:
 def as_doubtful(fit: TrajectoryFit, other: TrajectoryFit) -> TrajectoryFit:
     """Return a fit whose errors count what those of another one do, of the same drives in the same log."""
     return replace(counting(fit, other.shifts), ahead=other.ahead, loops=other.loops,
-                   either=other.either)  # fmt: skip
+                   either=other.either, unseen=other.unseen)  # fmt: skip

@@ -142,19 +142,23 @@ def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: N
         return (told + (OTHERS.format(others=others) if fit.loops else ""),)
     if fit.tracked[0].run.drives.stepped is not None:
         return ()
-    less, matter = less_by_holding(recording), matters(fit, recording) & moves[:, [0, 2]]
-    if fit.at_once or not matter.any():
+    less, matter = less_by_holding(fit, recording), matters(fit, recording) & moves[:, [0, 2]]
+    if not matter.any():
         return ()
+    every = (
+        "at the log's rate" if fit.unseen is None or fit.unseen >= recording.dt else f"every {1e3 * fit.unseen:.2g} ms"
+    )
     said = []
     for place, (words, unit) in enumerate((("motor inertia", "kg·m²"), ("viscous friction", "N·m·s/rad"))):
         if matter[:, place].any():
             worst = int(np.argmax(np.where(matter[:, place], less[:, place], 0.0)))
             unit = unit if robot.joints[worst].revolute else {"kg·m²": "kg"}.get(unit, "N·s/m")
             size = f"up to {less[worst, place]:.2g} {unit} ({robot.joint_names[worst]})"
-            said.append(f"{words} is larger by k{'dp'[place]} dt/2, {size}")
+            said.append(f"{words} is larger by k{'dp'[place]} times half of that, {size}")
     return (
-        "the drive's loop is taken to act all the time; where it is computed at the log's rate and its torque held for "
-        f"a sample, {' and '.join(said)}, which this motion does not tell apart (held_loop in the robot file says so)",
+        f"the drive's loop is taken to act all the time; where it is computed {every} and its torque held so long, "
+        f"{' and '.join(said)}, which this motion does not tell apart and standard errors do not count (held_loop in "
+        "the robot file tells the period)",
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -321,9 +322,13 @@ def test_an_offset_that_least_squares_take_for_none_is_no_wrong_gain(tmp_path: P
 
 def test_a_loop_that_holds_its_torque_is_told_with_its_size(made: tuple[Robot, Recording, str]) -> None:
     robot, recording, _ = made
-    (note,) = [line for line in found_of(robot, recording).warnings if "held for a sample" in line]
-    assert f"kp dt/2, up to {plant.KP[0] * plant.DT / 2:.2g} N·m·s/rad (one)" in note
-    assert f"kd dt/2, up to {plant.KD[0] * plant.DT / 2:.2g} kg·m² (one)" in note
+    found = found_of(robot, recording)
+    (note,) = [line for line in (*found.warnings, *found.notes) if "held so long" in line]
+    period = cast("dict[str, float]", found.settings["trajectory"])["unseen_loop"]
+    assert period == plant.DT  # slow motion
+    assert "computed at the log's rate" in note
+    assert f"kp times half of that, up to {plant.KP[0] * period / 2:.2g} N·m·s/rad (one)" in note
+    assert f"kd times half of that, up to {plant.KD[0] * period / 2:.2g} kg·m² (one)" in note
 
 
 @pytest.mark.parametrize(

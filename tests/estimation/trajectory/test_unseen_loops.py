@@ -1,0 +1,48 @@
+"""Up to which period loops that hold their torque are as near the motion as ones that act all the time."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from elid_cli.estimation.trajectory import unseen_loops
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.unseen_loops import LITTLE, SHORTEST, by_delay, by_motion
+
+DT = 0.01
+
+
+def fits(monkeypatch: pytest.MonkeyPatch, **by: float) -> tuple[TrajectoryFit, dict[int, TrajectoryFit]]:
+    """Return a fit and ones of loops, by how often in a sample, that are so much nearer."""
+    monkeypatch.setattr(unseen_loops, "nearer_by", lambda one, _: one.by)
+    tried = {int(name[1:]): cast("TrajectoryFit", SimpleNamespace(by=value)) for name, value in by.items()}
+    return cast("TrajectoryFit", SimpleNamespace(by=0.0)), tried
+
+
+@pytest.mark.parametrize("often", [1.5, 3.0, 7.0])
+def test_the_period_at_which_loops_are_clearly_farther(monkeypatch: pytest.MonkeyPatch, often: float) -> None:
+    """Motion whose error grows with the fourth power of the period, and is clearly farther at a part of a sample."""
+    one = -LITTLE * often**4
+    fit, tried = fits(monkeypatch, _1=one, _2=one / 16)
+    assert by_motion(fit, tried, DT) == pytest.approx(DT / often, rel=0.01)
+    assert by_motion(fit, {1: tried[1]}, DT) == pytest.approx(DT / often, rel=0.01)
+
+
+def test_motion_that_says_nothing_allows_loops_at_the_log_s_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, tried = fits(monkeypatch, _1=-0.5 * LITTLE, _2=0.0)
+    assert by_motion(fit, tried, DT) == DT
+
+
+def test_loops_that_were_not_simulated_may_be_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, tried = fits(monkeypatch)
+    assert by_motion(fit, tried, DT) == SHORTEST
+
+
+@pytest.mark.parametrize(("late", "period"), [(4.5e-4, 1.0e-3), (-3e-4, 0.0), (9e-3, DT)])
+def test_under_smooth_commands_half_a_period_is_no_more_than_the_delay(late: float, period: float) -> None:
+    unknowns = SimpleNamespace(delays=slice(0, 1))
+    fit = SimpleNamespace(delays=np.array([late]), deviation=np.array([2.5e-5]), unknowns=unknowns)
+    assert by_delay(cast("TrajectoryFit", fit), DT) == pytest.approx(period)
