@@ -45,7 +45,6 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt
 from elid_cli.estimation.trajectory.words import (
     bodies_words,
-    bound_words,
     difference_words,
     doubt_words,
     filter_words,
@@ -53,6 +52,7 @@ from elid_cli.estimation.trajectory.words import (
     loop_words,
     softness_words,
     step_words,
+    time_words,
 )
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
@@ -326,7 +326,7 @@ def identification_of(
         effects=fitted_effects(robot, fit),
         notes=(note, *apart, *doubt_words(robot, fit), *loops, *step_words(robot, fit)),
         settings={**settings_of(found, fit, moves), **known},
-        warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit), *bound_words(robot, fit), *warned),
+        warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit), *time_words(robot, fit), *warned),
         model="sufficient" if explained else "insufficient" if slow else model,
         insufficient=() if explained else found.insufficient,
         noise=() if explained else found.noise,

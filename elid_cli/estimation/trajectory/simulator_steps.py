@@ -41,6 +41,8 @@ USUAL = 1, 2, 4, 5, 10
 the delay is known well enough to be one of whole steps."""
 SURE, LEAST = 3.0, 0.01
 """Standard errors, and part of a sample, by which drives act before they are told for that to count …"""
+LONGEST = 0.6
+"""Part of a sample by which steps, of a whole one at most, can make drives act before they are told."""
 SLIGHT = 5e-5
 """… and s from which standard errors count it in any case."""
 
@@ -172,6 +174,8 @@ def _in_doubt(fit: TrajectoryFit, free: TrajectoryFit, signals: Signals) -> Traj
     lead = 0.0 if recording is None or recording.smooth else _lead(free, min(LEAST * recording.dt, SLIGHT))
     if not lead or of_drives.has_steps(fit.unknowns.robot):
         return fit
+    if recording is not None and lead > LONGEST * recording.dt:  # no steps are longer than a sample
+        return replace(free, ahead=lead)
     moved = (free.z - fit.z)[: fit.unknowns.drives]
     moved[:: len(KINDS)] += lead * _gains(fit)
     return replace(counting(fit, (moved,)), ahead=lead)

@@ -12,7 +12,7 @@ from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.held_loops import at_bound, less_by_holding, loops_bend, matters
 from elid_cli.estimation.trajectory.settings import softness
-from elid_cli.estimation.trajectory.simulator_steps import step_of
+from elid_cli.estimation.trajectory.simulator_steps import LONGEST, step_of
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops, has_steps
 from elid_cli.robot.robot import Robot
@@ -162,12 +162,30 @@ def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: N
     )
 
 
+def time_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return what is surely wrong with when drives act: viscous friction held at 0, or stamps, in sentences."""
+    return (*bound_words(robot, fit), *stamp_words(fit))
+
+
+def stamp_words(fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return that commands and positions are not of one time, in a sentence; none where they may be."""
+    if fit.ahead <= LONGEST * fit.tracked[0].run.dt:
+        return ()
+    return (
+        f"the motion is {1e3 * fit.ahead:.2g} ms ahead of the commands, which neither a drive nor a simulator's steps "
+        "do: commands or positions are stamped at another time than that of the log; values are those with this taken "
+        "out",
+    )
+
+
 def step_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
     """Return what was found of a simulator's steps, and what of them the log leaves open, in sentences."""
     run, joints = fit.tracked[0].run, robot.joints
     kd = np.mean([item.run.drives.kd for item in fit.tracked], axis=0)
     worst = int(np.argmax(kd))
     unit, name = "kg·m²" if joints[worst].revolute else "kg", joints[worst].name
+    if fit.ahead > LONGEST * run.dt:
+        return ()
     if fit.ahead:
         size = f"{fit.ahead * kd[worst]:.2g} {unit} ({name})"
         return (

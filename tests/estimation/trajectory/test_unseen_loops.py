@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 
+from elid_cli import LogRequest, identify_logs
 from elid_cli.estimation.trajectory import unseen_loops
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unseen_loops import LITTLE, SHORTEST, by_delay, by_motion
+from elid_cli.logs import robot_as_logged
+from tests.diagnosis.by_motion import plant
 
 DT = 0.01
 
@@ -46,3 +51,23 @@ def test_under_smooth_commands_half_a_period_is_no_more_than_the_delay(late: flo
     unknowns = SimpleNamespace(delays=slice(0, 1))
     fit = SimpleNamespace(delays=np.array([late]), deviation=np.array([2.5e-5]), unknowns=unknowns)
     assert by_delay(cast("TrajectoryFit", fit), DT) == pytest.approx(period)
+
+
+def test_commands_that_are_stamped_ahead_are_no_simulator_s_steps(tmp_path: Path) -> None:
+    recording = plant.moved(4, 8.0)
+    log = plant.written(tmp_path, "log.h5", recording)
+    robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
+    commands = {**recording.commands, "q_des": np.roll(recording.commands["q_des"], 2, axis=0)}
+    late = plant.written(tmp_path, "late.h5", replace(recording, commands=commands))
+    right, ahead = (identify_logs(LogRequest((name,), robot)).found for name in (log, late))
+    (told,) = [line for line in ahead.warnings if "ahead of the commands" in line]
+    before, now = (
+        cast("dict[str, list[float]]", found.settings["trajectory"])["delays"][0] for found in (right, ahead)
+    )
+    assert now == pytest.approx(before - 2 * plant.DT, abs=2e-4)
+    assert f"{-1e3 * now:.2g} ms ahead" in told
+    assert not any("simulator's steps of twice that" in line for line in (*ahead.notes, *ahead.warnings))
+    for one, other in zip(right.parameters, ahead.parameters, strict=True):
+        if one.leader.kind in ("Ja", "fs", "fv"):
+            assert abs(one.estimate - other.estimate) < 4 * (one.std_error + other.std_error)
+            assert other.std_error < 3 * one.std_error
