@@ -57,7 +57,10 @@ def test_commands_that_are_stamped_ahead_are_no_simulator_s_steps(tmp_path: Path
     recording = plant.moved(4, 8.0)
     log = plant.written(tmp_path, "log.h5", recording)
     robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
-    commands = {**recording.commands, "q_des": np.roll(recording.commands["q_des"], 2, axis=0)}
+    commands = {
+        **recording.commands,
+        **{name: np.roll(recording.commands[name], 2, axis=0) for name in ("q_des", "dq_des")},
+    }
     late = plant.written(tmp_path, "late.h5", replace(recording, commands=commands))
     right, ahead = (identify_logs(LogRequest((name,), robot)).found for name in (log, late))
     (told,) = [line for line in ahead.warnings if "ahead of the commands" in line]
