@@ -27,7 +27,7 @@ from elid_cli.model.linearised import Linearised
 from elid_cli.model.rollout import motion_of
 from elid_cli.model.runs import runs_of
 from elid_cli.robot.files import read_robot, write_robot
-from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.robot.robot import EffectSpec, Limits, Robot
 from elid_cli.signals.recording import Recording, Segment
 
 KP, KD = np.array([400.0, 150.0]), np.array([30.0, 10.0])
@@ -72,6 +72,29 @@ def commanded(robot: Robot, duration: float = 3.0, offset: float = 0.0, springs:
     )  # fmt: skip
 
 
+def stairs(robot: Robot, dt: float) -> Recording:
+    """Return a log, every `dt`, of the arm under commands that step every 20 ms, integrated as `commanded` is."""
+    dynamics, rng, hold = Dynamics(robot), np.random.default_rng(3), round(0.02 / dt)
+    steps = 0.6 * rng.uniform(-1, 1, (75, 2)) - 1.2
+    wanted = np.repeat(steps, hold, axis=0)
+    t, rows = np.arange(len(wanted) + 1) * dt, [np.concatenate([steps[0], np.zeros(2)])]
+    for told in wanted:
+
+        def slope(_: float, s: np.ndarray, told: np.ndarray = told) -> np.ndarray:
+            q, v = s[:2].tolist(), s[2:].tolist()
+            a, _ = dynamics.acceleration(q, v, q, v, (KP * (told - s[:2]) - 0.3 * KD * s[2:]).tolist())
+            return np.concatenate([s[2:], a])
+
+        rows.append(solve_ivp(slope, (0.0, dt), rows[-1], method="DOP853", rtol=1e-9, atol=1e-11).y[:, -1])
+    q, v = np.split(np.array(rows), 2, axis=1)
+    gains = {"kp": np.tile(KP, (len(t), 1)), "kd": np.tile(0.3 * KD, (len(t), 1))}
+    return Recording(
+        joints=robot.joint_names, dt=dt, t=t, q=q, theta=q, tau=np.full_like(q, np.nan), dq=v,
+        commands={"q_des": np.concatenate([wanted, wanted[-1:]]), "dq_des": np.zeros_like(q), **gains},
+        segments=(Segment(0, len(t)),), files=("stairs.csv",), smooth=False,
+    )  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def arm() -> Robot:
     return rigid(read_robot("planar2"))
@@ -87,6 +110,20 @@ def test_it_moves_as_an_integration_of_high_order_does(arm: Robot, log: Recordin
     assert (found.driven_by, found.horizon) == ("commands", None)
     assert np.ptp(found.measured, axis=0).min() > 0.5
     assert max(e.rms for e in found.error.values()) < 4e-5
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.01, 0.005])
+def test_fast_motion_is_simulated_as_well_in_a_slow_log(dt: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of 1 ms are no help where the equations that they take are those of samples 20 ms apart."""
+    free = rigid(read_robot("planar2"), friction=0.0)
+    robot = changed(free, joints=tuple(changed(joint, limits=Limits()) for joint in free.joints))
+    log = stairs(robot, dt)
+    assert np.abs(log.dq).max() > 3.0
+    fine = max(e.rms for e in replay(robot, log).error.values())
+    monkeypatch.setattr("elid_cli.model.runs.FAR", np.inf)
+    coarse = max(e.rms for e in replay(robot, log).error.values())
+    assert fine < 5e-5
+    assert coarse > 3 * fine
 
 
 def test_finer_steps_come_nearer(arm: Robot, log: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
