@@ -82,10 +82,9 @@ def motion_of(
         local = equations.about(x, v, dt / finer if number else None, finer)
         if along is not None:
             # a spring or damper that is stiff beside the masses must act on the motion that comes out, too
-            added = along(local.at_samples, x[::finer], v[::finer])
+            added = along(local, x, v)
             local = replace(local, slope=local.slope + np.diag(added.stiffness))
-            known = 0.5 * (v[finer::finer] + v[:-1:finer])
-            push = added.push - (added.damping * known)[:, None]
+            push = added.push - (added.damping * 0.5 * (v[1:] + v[:-1]))[:, None]
             joints = replace(joints, push=push, grip=added.grip, damping=added.damping)
         found, speed = variants_of(equations, local, start, drives, joints, dt)
         found, speed = found[:, 0], speed[:, 0]
@@ -104,10 +103,9 @@ def variants_of(
 ) -> tuple[Array, Array]:
     """Return positions and velocities at the instants of equations that are linear, (N, V, S, m), of V variants.
 
-    As `motion_of`; joints that do not couple are taken apart. `dt` is the time between samples, between which `joints`
-    tell what effects do.
+    As `motion_of`; joints that do not couple are taken apart. `dt` is the time between samples.
     """
-    joints, dt = _in_parts(joints, local.finer), dt / local.finer
+    dt /= local.finer
     instants, stretches, count = local.force.shape
     variants = joints.coulomb.shape[0]
     positions = np.empty((instants, variants, stretches, count))
@@ -149,15 +147,6 @@ def between(x: Array, v: Array, dt: float, finer: int) -> tuple[Array, Array]:
         velocities[own] = (g[0] * x[:-1] + g[1] * x[1:]) / dt + g[2] * v[:-1] + g[3] * v[1:]
     positions[-1], velocities[-1] = x[-1], v[-1]
     return positions, velocities
-
-
-def _in_parts(joints: Joints, finer: int) -> Joints:
-    """Return what effects do in every part of a sample: what they do in the sample."""
-    if finer == 1 or joints.push is None:
-        return joints
-    push, grip = (part if part is None or len(part) == 1 else np.repeat(part, finer, axis=0)
-                  for part in (joints.push, joints.grip))  # fmt: skip
-    return replace(joints, push=push, grip=grip)
 
 
 def _on(drives: Drives, owner: NDArray[np.intp], finer: int) -> Drives:

@@ -76,10 +76,14 @@ class Tracked:
     def equations(self, about: Linearised) -> Local:
         """Return the equations about a motion near the present one."""
         if self.local is None or not self.is_near:
-            dt, finer = self.run.dt, self.run.finer
-            x, v = between(self.x, self.v, dt, finer) if self.path is None else self.path
+            (x, v), dt, finer = self.everywhere, self.run.dt, self.run.finer
             self.local = about.about(x[:, None], v[:, None], None if self.measured else dt / finer, finer)
         return self.local
+
+    @property
+    def everywhere(self) -> tuple[Array, Array]:
+        """The present motion and its velocities at every instant of the equations."""
+        return between(self.x, self.v, self.run.dt, self.run.finer) if self.path is None else self.path
 
 
 @dataclass(frozen=True)
@@ -160,11 +164,12 @@ def _stepped(
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
     steps = steps_of(unknowns, z, strength) if groups else np.zeros(0)
     joints = _variants(unknowns, z, steps, groups, done)
-    joints = joints if pushes is None else _beside(joints, pushes)
+    joints = joints if pushes is None else _beside(joints, pushes, local.finer)
     if groups and joints.push is not None:
         _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)
     if joints.push is not None:
-        x, v = (0.5 * (part[1:] + part[:-1]) for part in (item.x - local.at_samples.place[:, 0], item.v))
+        place, speed = item.everywhere
+        x, v = (0.5 * (part[1:] + part[:-1]) for part in (place - local.place[:, 0], speed))
         known = stiffness * x + damping * v  # of the motion before; the rest of it acts on the one that comes out
         joints = replace(joints, push=joints.push - known[:, None, None], damping=damping)
         local = replace(local, slope=local.slope + np.diag(stiffness))
@@ -209,12 +214,12 @@ def columns_of_pushes(
     return found
 
 
-def _beside(joints: Joints, pushes: Array) -> Joints:
+def _beside(joints: Joints, pushes: Array, finer: int) -> Joints:
     """Return the one variant of joints, and D more that differ by further torques on every coordinate, (D, N, m)."""
-    count, shape = len(pushes) + 1, (pushes.shape[1] - 1, 1, 1, pushes.shape[2])
+    count, shape = len(pushes) + 1, (finer * (pushes.shape[1] - 1), 1, 1, pushes.shape[2])
     plain = np.zeros(shape) if joints.push is None else joints.push
     push = np.repeat(plain, count, axis=1)
-    push[:, 1:, 0] += np.moveaxis(0.5 * (pushes[:, 1:] + pushes[:, :-1]), 0, 1)
+    push[:, 1:, 0] += np.repeat(np.moveaxis(0.5 * (pushes[:, 1:] + pushes[:, :-1]), 0, 1), finer, axis=0)
     grip = np.repeat(np.zeros(shape) if joints.grip is None else joints.grip, count, axis=1)
     fading = joints.fading
     if fading is not None:
@@ -233,7 +238,8 @@ def _moved_by(unknowns: Unknowns, number: int) -> NDArray[np.intp]:
 
 
 def _scene(unknowns: Unknowns, item: Tracked, local: Local, parameters: Array) -> Scene:
-    return scene_along(unknowns.robot, item.x, item.v, local, item.run.dt, parameters, len(item.x))
+    (x, v), own = item.everywhere, replace(local, finer=1)
+    return scene_along(unknowns.robot, x, v, own, item.run.dt / local.finer, parameters, len(x))
 
 
 def _acting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parameters: Array) -> Acting | None:
@@ -278,11 +284,13 @@ def _resisting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parame
     effects = [shaped[k] for k in places]
     amplitudes = np.concatenate([z[unknowns.amplitudes_of(k)] for k in places])
 
+    own, dt = replace(local, finer=1), item.run.dt / local.finer
+
     def push(x: Array, v: Array) -> Array:
-        scene = scene_along(unknowns.robot, x, v, local, item.run.dt, parameters, len(x))
+        scene = scene_along(unknowns.robot, x, v, own, dt, parameters, len(x))
         return acting(effects, scene).total(amplitudes)[0]
 
-    return resisting(push, item.x, item.v)
+    return resisting(push, *item.everywhere)
 
 
 def _variants(

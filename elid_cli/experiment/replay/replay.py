@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -225,7 +225,7 @@ def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
         together = Run.together([runs[k] for k in numbers], equations.coordinates)
         x, _ = motion_of(
             equations, together.start, together.near, together.drives, joints, together.dt,
-            _along(robot, together.dt, len(together.t)), together.finer,
+            _along(robot, together.dt / together.finer, len(together.t) * together.finer), together.finer,
         )  # fmt: skip
         for place, k in enumerate(numbers):
             found[k] = x[:, place][:, : robot.n]
@@ -244,7 +244,7 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
         """Return push and grip of all stretches, (2, N, S, m)."""
         both = np.zeros((2, *x.shape))
         for k in range(x.shape[1]):
-            own = local.stretch(k)
+            own = replace(local.stretch(k), finer=1)
             scene = scene_along(robot, x[:, k], v[:, k], own, dt, parameters, samples)
             known = [found for spec in specs if (found := declared(robot, spec, scene)) is not None]
             done = acting([effect for effect, _ in known], scene)
