@@ -13,6 +13,11 @@ NEAR = 0.02
 """Part of the range within which of a limit, or beyond it, a joint is at its stop …"""
 BEYOND = 0.02
 """… and by which its command is beyond the limit."""
+TOP, FARTHER, WANTED = 0.15, 0.02, 0.25
+"""Parts of the way that a joint goes: from its end within which it is on a visit there, by which a command is beyond,
+and by which commands of visits to a stop differ at least."""
+VISITS, MOST, GIVES = 5, 0.8, 0.25
+"""Visits that commands press at least, part of all, and part of what their commands differ by that a stop yields."""
 LEAST = 0.005
 """Part of the samples from which it is told."""
 
@@ -31,12 +36,16 @@ def at_stops(signals: Mapping[str, Array], q: Array, robot: Robot) -> Iterator[s
     """
     if "q_des" not in signals:
         return
-    found = []
+    found, unknown = list[str](), list[str]()
     for j, joint in enumerate(robot.joints):
+        told, own = signals["q_des"][:, j], q[:, j]
+        low, high = joint.limits.position or (-np.inf, np.inf)
+        for end in _ends(told, own):
+            if low + NEAR * (high - low) < end < high - NEAR * (high - low) or joint.limits.position is None:
+                unknown.append(f"{joint.name} at {end:.3g} {'rad' if joint.revolute else 'm'}")
         if joint.limits.position is None:
             continue
-        low, high = joint.limits.position
-        size, told, own = high - low, signals["q_des"][:, j], q[:, j]
+        size = high - low
         pressed = (told > high + BEYOND * size) & (own > high - NEAR * size)
         pressed |= (told < low - BEYOND * size) & (own < low + NEAR * size)
         # what goes on as far as it is told met no stop
@@ -49,3 +58,29 @@ def at_stops(signals: Mapping[str, Array], q: Array, robot: Robot) -> Iterator[s
             f"commands press {', '.join(found)} against the limit of its position: what a stop does is not modelled, "
             "and friction, springs and inertia may be found in its place; leave these stretches out"
         )
+    if unknown:
+        yield (
+            f"{', '.join(unknown)} goes no farther, however far its commands go beyond: it seems to meet a stop, or "
+            "its drive a limit; a stop is not modelled, and friction, springs and inertia may be found in its place; leave "
+            "these stretches out"
+        )
+
+
+def _ends(told: Array, own: Array) -> Iterator[float]:
+    """Yield the positions that a joint often comes to and never passes, though its commands do by different amounts."""
+    known = np.isfinite(told) & np.isfinite(own)
+    told, own = told[known], own[known]
+    way = float(np.ptp(own)) if own.size else 0.0
+    if not way > 0:
+        return
+    for side in (1.0, -1.0):
+        place, wanted = side * own, side * told
+        near = np.concatenate([[False], place > place.max() - TOP * way, [False]])
+        starts, stops = np.flatnonzero(near[1:] & ~near[:-1]), np.flatnonzero(near[:-1] & ~near[1:])
+        visits = [(place[a:b].max(), wanted[a:b].max()) for a, b in zip(starts, stops, strict=True)]
+        ends, asked = np.array(visits).T
+        pressed = asked > ends + FARTHER * way
+        if np.count_nonzero(pressed) < max(VISITS, MOST * len(visits)):
+            continue
+        if np.ptp(asked[pressed]) > max(WANTED * way, np.ptp(ends[pressed]) / GIVES):
+            yield side * float(np.median(ends[pressed]))
