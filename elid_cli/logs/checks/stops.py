@@ -61,8 +61,8 @@ def at_stops(signals: Mapping[str, Array], q: Array, robot: Robot) -> Iterator[s
     if unknown:
         yield (
             f"{', '.join(unknown)} goes no farther, however far its commands go beyond: it seems to meet a stop, or "
-            "its drive a limit; a stop is not modelled, and friction, springs and inertia may be found in its place; leave "
-            "these stretches out"
+            "its drive a limit; a stop is not modelled, and friction, springs and inertia may be found in its place; "
+            "leave these stretches out"
         )
 
 
