@@ -12,7 +12,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
-from elid_cli.model.coordinates import Coordinates
+from elid_cli.model.coordinates import Coordinates, chains_of
 from elid_cli.model.drives import Drives, Stepped
 from elid_cli.model.rollout import STEP
 from elid_cli.robot.robot import Robot
@@ -181,6 +181,10 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     limit = robot.torque_limits
     elastic = np.array([joint.elastic for joint in robot.joints])
     speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
+    chain = chains_of(robot)
+    carries = (
+        np.bincount(chain, minlength=len(chain))[chain] > 1
+    )  # one that moves alone has the same inertia everywhere
     least, way = math.ceil(recording.dt / STEP), _way(commanded, recording.smooth)
     piece = None if horizon is None else max(round(horizon / recording.dt), SHORTEST)
     runs = []
@@ -202,7 +206,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             v = np.concatenate(
                 [_speed(speed[0], link, part, recording.dt), _speed(speed[1], motor, part, recording.dt)[elastic]]
             )
-            quick = quickness(x, recording.dt)
+            quick = quickness(x[:, carries], recording.dt)
             steps = quick * math.ceil(least / quick)
             acting = _between(told[part], steps, delays / recording.dt, way)
             drives = Drives(acting, kp[a], kd[a], limit)
@@ -213,13 +217,13 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
 
 
 def quickness(x: Array, dt: float) -> int:
-    """Return how often in a sample the equations of motion change, along a motion (N, m): by so far as it moves.
+    """Return how often in a sample the equations of motion change, along a motion of joints that couple, (N, m).
 
     Between two instants the equations are on a line, and the motion that they are about: its error falls with the
     square of the time between them. Speeds are those over a window: those of a sample are noise.
     """
     wide = max(1, round(WINDOW / dt))
-    if len(x) <= wide:
+    if len(x) <= wide or not x.shape[1]:
         return 1
     fast = np.quantile(np.abs(x[wide:] - x[:-wide]), MOSTLY, axis=0) / (wide * dt)
     return int(np.clip(np.ceil(dt * fast.max() / FAR), 1, np.ceil(dt / STEP)))

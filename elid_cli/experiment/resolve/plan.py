@@ -34,6 +34,8 @@ OVER = 20.0
 DRAWS = ((-np.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (np.sqrt(3.0), 1 / 6))
 """Standard errors by which a hypothesis's parameters are varied, and their weights in what is expected (Gauss-Hermite
 of three nodes)."""
+FAR_OFF = 1e-3
+"""Weight of standard deviations where all pairs are too short of a decision to tell motions apart."""
 CAP = 12.0
 """Standard deviations short of a decision beyond which all pairs count alike."""
 
@@ -138,9 +140,12 @@ def resolve(
     family = Family.of(bounds, options.duration, options.interval)
     generator = np.random.default_rng([options.seed, 26])
     motion, _ = improved(family, judge.worth, options.starts, options.steps, generator, progress)
-    motion, used = within(motion, bench.torques, bounds)
     others = [random_reference(question.robot, options.duration, seed) for seed in range(101, 104)]
     others = [within(other, bench.torques, bounds)[0] for other in others]
+    # torque limits may have made the best of all that was tried slower than a motion that was only to be compared
+    motion, used = within(
+        max((within(motion, bench.torques, bounds)[0], *others), key=judge.worth), bench.torques, bounds
+    )
     pairs = [pair for group in question.groups for pair in _pairs(judge, group, motion, others)]
     return Resolution(question.robot, question, motion, tuple(pairs), used, judge.tried, options)
 
@@ -157,7 +162,7 @@ class Judge:
     def worth(self, motion: SplineReference) -> float:
         """Return how far the least surely decided pair of hypotheses clears what a decision needs, softly."""
         self.tried += 1
-        margins = []
+        margins, sigmas = [], list[float]()
         excess = 0.0
         try:
             for group in self.bench.question.groups:
@@ -166,6 +171,7 @@ class Judge:
                         key = (truth.name, rival.name)
                         self._hopeful[key] = max(self._hopeful.get(key, 0.0), distance.sigma)
                         margins.append((key, min(*distance.margins, CLEAR)))
+                        sigmas.append(min(distance.sigma, CLEAR))
         except DataError:
             return -np.inf
         torque = np.abs(self.bench.torques(motion.sampled(self.bench.rate)[1:])).max(axis=0)
@@ -173,7 +179,7 @@ class Judge:
         # what no motion so far tells apart must not hide what some do
         counted = [m for key, m in margins if self._hopeful[key] >= BELOW] or [m for _, m in margins]
         soft = -float(np.log(np.mean(np.exp(-np.clip(counted, -CAP, CLEAR)))))
-        return soft - OVER * excess
+        return soft + FAR_OFF * float(np.mean(sigmas or [0.0])) - OVER * excess
 
     def judged(
         self, states: States, group: Group, scale: float = 0.0, *, finely: bool = False

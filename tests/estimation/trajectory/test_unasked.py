@@ -64,7 +64,7 @@ def test_the_motion_is_fitted_where_the_torque_is_computed(made: tuple[Robot, Re
     np.testing.assert_array_equal(found.std_error, asked.std_error)
     assert found.notes[1:] == asked.notes
     assert "computed from commands" in found.notes[0]
-    assert all("held for a sample" in line for line in found.warnings)  # said loudly: friction would be a third larger
+    assert all("held so long" in line for line in found.warnings)  # said loudly: friction would be a third larger
     by_torque = found_of(robot, recording, fit="torque")
     assert by_torque.estimator == "default"
     assert not any("trajectory" in note for note in by_torque.notes)
