@@ -181,11 +181,10 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     limit = robot.torque_limits
     elastic = np.array([joint.elastic for joint in robot.joints])
     speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
-    chain = chains_of(robot)
-    carries = (
-        np.bincount(chain, minlength=len(chain))[chain] > 1
-    )  # one that moves alone has the same inertia everywhere
-    least, way = math.ceil(recording.dt / STEP), _way(commanded, recording.smooth)
+    both, chain = np.concatenate([link, motor[:, elastic]], axis=1), chains_of(robot)
+    coupled = np.bincount(chain, minlength=len(chain))[chain] > 1  # what moves alone has one inertia everywhere
+    quick = quickness([both[own.start : own.stop, coupled] for own in recording.segments], recording.dt)
+    steps, way = quick * math.ceil(recording.dt / STEP / quick), _way(commanded, recording.smooth)
     piece = None if horizon is None else max(round(horizon / recording.dt), SHORTEST)
     runs = []
     for segment in recording.segments:
@@ -201,13 +200,11 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             if stop - a < SHORTEST or not usable or not np.isfinite(told[part]).all():
                 continue
             t = recording.t[part]
-            seen = np.concatenate([link[part], motor[part][:, elastic]], axis=1)
+            seen = both[part]
             x = _filled(seen)
             v = np.concatenate(
                 [_speed(speed[0], link, part, recording.dt), _speed(speed[1], motor, part, recording.dt)[elastic]]
             )
-            quick = quickness(x[:, carries], recording.dt)
-            steps = quick * math.ceil(least / quick)
             acting = _between(told[part], steps, delays / recording.dt, way)
             drives = Drives(acting, kp[a], kd[a], limit)
             runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen,
@@ -216,17 +213,18 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     return runs
 
 
-def quickness(x: Array, dt: float) -> int:
-    """Return how often in a sample the equations of motion change, along a motion of joints that couple, (N, m).
+def quickness(stretches: Sequence[Array], dt: float) -> int:
+    """Return how often in a sample the equations of motion change, along the motion of joints that couple, (N, m) each.
 
     Between two instants the equations are on a line, and the motion that they are about: its error falls with the
     square of the time between them. Speeds are those over a window: those of a sample are noise.
     """
     wide = max(1, round(WINDOW / dt))
-    if len(x) <= wide or not x.shape[1]:
-        return 1
-    fast = np.quantile(np.abs(x[wide:] - x[:-wide]), MOSTLY, axis=0) / (wide * dt)
-    return int(np.clip(np.ceil(dt * fast.max() / FAR), 1, np.ceil(dt / STEP)))
+    ways = [np.abs(x[wide:] - x[:-wide]) for x in stretches if len(x) > wide and x.shape[1]]
+    fast = np.concatenate(ways) if ways else np.zeros((1, 1))
+    known = np.where(np.isfinite(fast), fast, 0.0)
+    speed = float(np.quantile(known, MOSTLY, axis=0).max()) / (wide * dt)
+    return int(np.clip(np.ceil(dt * speed / FAR), 1, np.ceil(dt / STEP)))
 
 
 def _told(recording: Recording, robot: Robot, *, commanded: bool) -> tuple[Array, Array, Array]:

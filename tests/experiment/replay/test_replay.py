@@ -72,10 +72,13 @@ def commanded(robot: Robot, duration: float = 3.0, offset: float = 0.0, springs:
     )  # fmt: skip
 
 
-def stairs(robot: Robot, dt: float) -> Recording:
-    """Return a log, every `dt`, of the arm under commands that step every 20 ms, integrated as `commanded` is."""
+def stairs(robot: Robot, dt: float, later: float = 1.0) -> Recording:
+    """Return a log, every `dt`, of the arm under commands that step every 20 ms, integrated as `commanded` is.
+
+    In the second half by `later` of what they do in the first.
+    """
     dynamics, rng, hold = Dynamics(robot), np.random.default_rng(3), round(0.02 / dt)
-    steps = 0.6 * rng.uniform(-1, 1, (75, 2)) - 1.2
+    steps = np.repeat([0.6, 0.6 * later], [37, 38])[:, None] * rng.uniform(-1, 1, (75, 2)) - 1.2
     wanted = np.repeat(steps, hold, axis=0)
     t, rows = np.arange(len(wanted) + 1) * dt, [np.concatenate([steps[0], np.zeros(2)])]
     for told in wanted:
@@ -124,6 +127,13 @@ def test_fast_motion_is_simulated_as_well_in_a_slow_log(dt: float, monkeypatch: 
     coarse = max(e.rms for e in replay(robot, log).error.values())
     assert fine < 5e-5
     assert coarse > 3 * fine
+
+
+def test_stretches_of_unequal_pace_are_simulated_side_by_side() -> None:
+    free = rigid(read_robot("planar2"), friction=0.0)
+    robot = changed(free, joints=tuple(changed(joint, limits=Limits()) for joint in free.joints))
+    found = replay(robot, stairs(robot, 0.02, later=0.01), ReplayOptions(horizon=0.3))
+    assert max(e.rms for e in found.error.values()) < 5e-5
 
 
 def test_finer_steps_come_nearer(arm: Robot, log: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
