@@ -31,6 +31,9 @@ CYCLES = 30
 """Most motions whose slopes are computed; two to five are usual."""
 SOFT_CYCLES = 8
 """The same with friction that fades in: a width that the log hardly shows may go to and fro by a part of its error."""
+STALLED, FALLS = 5, 1e-4
+"""Cycles over which the logarithm of the errors' sizes, summed over the joints, falls by so little at most that the fit
+ends: at limits of the torque, or of bounds, steps go to and fro."""
 REFINED = 2
 """Cycle, from 1, from which the motion is near enough to look at what shorter steps change."""
 COARSE = 3e-5
@@ -194,7 +197,7 @@ def fitted_with_columns(
     equations, parameters = Linearised(robot, without=("Ja", "fs", "fv")), robot.reference()
     z = unknowns.possible(z)
     before: Array | None = None
-    still = False
+    still, falls = False, list[float]()
     cycles = min(cycles, SOFT_CYCLES) if unknowns.softening.any() else cycles
     for number in range(1, cycles + 1):
         if tell is not None:
@@ -208,7 +211,13 @@ def fitted_with_columns(
         if not np.isfinite(every.rms).all():
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")
         before = every.rms if before is None else before
-        if number == cycles or (number > REFINED and (still or is_settled(unknowns, z, every, prompt=prompt))):
+        falls.append(float(np.log(every.size).sum()))
+        stalled = len(falls) > REFINED + STALLED and falls[-1] > falls[-1 - STALLED] - FALLS
+        if (
+            number == cycles
+            or stalled
+            or (number > REFINED and (still or is_settled(unknowns, z, every, prompt=prompt)))
+        ):
             break
         last = z
         # with delays all chains of joints move together: at first each goes its way
