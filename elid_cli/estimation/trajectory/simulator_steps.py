@@ -68,7 +68,7 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
         if filtered is not None and nearer_by(filtered.fit, looped) > 0:
             return filters_in_doubt(_in_doubt(fit, free, signals), filtered)
     if looped.tracked is fit.tracked:
-        return stepped if nearer else _in_doubt(looped, free, signals)
+        return replace(stepped, unseen=looped.unseen) if nearer else _in_doubt(looped, free, signals)
     both = with_steps(looped, signals)
     both = both if both is looped else as_doubtful(both, looped)
     if nearer and not clearly_nearer(both, stepped):

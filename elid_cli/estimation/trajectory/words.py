@@ -21,6 +21,8 @@ from elid_cli.signals.signals import Signals
 
 SHOWN = 3.0
 """Standard errors beyond which a change is worth a word."""
+SEVERAL = 1.5
+"""Steps of a simulator from which on a loop may hold its torque for more than one."""
 SMALL = 0.03
 """Part of a value below which a change is not worth a word."""
 HOLDS = (
@@ -140,7 +142,8 @@ def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: N
         others = in_words([f"{1e3 * held[0][1] / k:.3g} ms" if k else "no length (that act all the time)"
                            for k in sorted(fit.loops, reverse=True)])  # fmt: skip
         return (told + (OTHERS.format(others=others) if fit.loops else ""),)
-    if fit.tracked[0].run.drives.stepped is not None:
+    run = fit.tracked[0].run
+    if run.drives.stepped is not None and (fit.unseen or 0.0) < SEVERAL * step_of(run):
         return ()
     less, matter = less_by_holding(fit, recording), matters(fit, recording) & moves[:, [0, 2]]
     if not matter.any():
