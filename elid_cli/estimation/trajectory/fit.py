@@ -88,7 +88,7 @@ class TrajectoryFit:
     """By how much drives act before they are told without a simulator's steps that show, s: the errors count it."""
     unseen: float | None = None
     """Longest period, s, of loops that hold their torque which the motion tells from ones that act all the time no
-    better than chance would; None: not looked at, or as long as a sample."""
+    better than chance would; None: not looked at."""
     loops: tuple[int, ...] = ()
     """How often per sample loops that hold their torque may run as well: the errors count it."""
     shifts: tuple[Array, ...] = ()

@@ -106,7 +106,7 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     if recording.smooth:
         return replace(fit, unseen=by_delay(free, recording.dt))
     if not bound and not matters(fit, recording).any():
-        return fit  # drives that are told more often than is logged act more often, too
+        return fit
     tried = _every(free, recording.dt) if bound else _foreseen(free, recording.dt)
     if not tried:
         return replace(fit, unseen=by_motion(free, tried, recording.dt))

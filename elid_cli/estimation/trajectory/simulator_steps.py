@@ -55,10 +55,10 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     recording = signals.recording
     if recording is None or (fit.above_noise(signals) > FAR).any():
         return fit
-    if recording.smooth:  # drives that are told more often than is logged act more often, too
-        return with_held_loops(fit, signals)
     free = fit if fit.delays.any() else refitted(fit, [item.run for item in fit.tracked], fit.z)
     free = fit if free is None else free
+    if recording.smooth:  # drives that are told more often than is logged act more often, too
+        return with_held_loops(fit, signals, free)
     stepped = with_steps(free, signals)
     nearer = stepped is not free and clearly_nearer(stepped, fit)
     looped = with_held_loops(fit, signals, free)

@@ -51,6 +51,11 @@ def by_motion(fit: TrajectoryFit, tried: Mapping[int, TrajectoryFit], dt: float)
 
 
 def by_delay(fit: TrajectoryFit, dt: float) -> float:
-    """Return the longest period, s, of loops under smooth commands: half a period is no longer than the delay."""
+    """Return the longest period, s, of loops under smooth commands: half a period is no longer than the delay.
+
+    That of a sample where the fit has no delay.
+    """
+    if not fit.delays.any():
+        return dt
     late = fit.delays + DEVIATIONS * fit.deviation[fit.unknowns.delays]
     return min(dt, 2.0 * max(float(late.max()), 0.0))

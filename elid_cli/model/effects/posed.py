@@ -38,11 +38,13 @@ class Pose:
     """Roll and pitch, rad, (2,)."""
     zeros: Array
     """rad (m), (n,)."""
+    turning: tuple[bool, ...]
+    """Which joints turn: their zeros are angles, the same after a whole turn."""
 
     @classmethod
-    def none(cls, n: int) -> Pose:
-        """Return the pose of a level robot of n joints whose zeros are right."""
-        return cls(np.zeros(2), np.zeros(n))
+    def none(cls, robot: Robot) -> Pose:
+        """Return the pose of a level robot whose zeros are right."""
+        return cls(np.zeros(2), np.zeros(robot.n), tuple(joint.revolute for joint in robot.joints))
 
     def __bool__(self) -> bool:
         """Whether anything is turned."""
@@ -59,7 +61,9 @@ class Pose:
         if type(effect).turns_gravity:
             return replace(self, tilt=np.clip(self.tilt + more, -STEEPEST, STEEPEST))
         zeros = self.zeros.copy()
-        zeros[effect.joint] = np.remainder(zeros[effect.joint] + float(more[0]) + np.pi, 2.0 * np.pi) - np.pi
+        zeros[effect.joint] += float(more[0])
+        if self.turning[effect.joint]:
+            zeros[effect.joint] = np.remainder(zeros[effect.joint] + np.pi, 2.0 * np.pi) - np.pi
         return replace(self, zeros=zeros)
 
     def without(self, effect: Effect) -> Pose:
@@ -98,13 +102,15 @@ def declared_pose(robot: Robot) -> Pose:
     RobotError
         A zero at a joint that the robot does not have.
     """
-    pose = Pose.none(robot.n)
+    pose = Pose.none(robot)
     for spec in robot.effects:
         if _turns(spec):
             kind, joint = resolve(robot, spec)
             given = [float(spec.parameters.get(parameter.name, 0.0)) for parameter in kind.amplitudes]
-            more = Pose(np.array(given), pose.zeros) if kind.turns_gravity else pose.moved(kind(joint), np.array(given))
-            pose = more
+            if kind.turns_gravity:
+                pose = replace(pose, tilt=np.array(given))
+            else:
+                pose = pose.moved(kind(joint), np.array(given))
     return pose
 
 

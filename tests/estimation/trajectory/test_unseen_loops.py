@@ -46,7 +46,7 @@ def test_loops_that_were_not_simulated_may_be_short(monkeypatch: pytest.MonkeyPa
     assert by_motion(fit, tried, DT) == SHORTEST
 
 
-@pytest.mark.parametrize(("late", "period"), [(4.5e-4, 1.0e-3), (-3e-4, 0.0), (9e-3, DT)])
+@pytest.mark.parametrize(("late", "period"), [(4.5e-4, 1.0e-3), (-3e-4, 0.0), (9e-3, DT), (0.0, DT)])
 def test_under_smooth_commands_half_a_period_is_no_more_than_the_delay(late: float, period: float) -> None:
     unknowns = SimpleNamespace(delays=slice(0, 1))
     fit = SimpleNamespace(delays=np.array([late]), deviation=np.array([2.5e-5]), unknowns=unknowns)
