@@ -50,6 +50,12 @@ def test_a_stop_that_the_robot_file_does_not_know_is_told(limits: tuple[float, f
     assert line.startswith("joint1 at 0.301 rad goes no farther")
 
 
+def test_stops_at_both_ends_are_told_together() -> None:
+    wanted = unequal(0.6)
+    (line,) = said(wanted, np.clip(wanted, -0.25, 0.301), None)
+    assert line.startswith("joint1 at 0.301 rad and joint1 at -0.25 rad go no farther")
+
+
 def test_a_stop_may_yield() -> None:
     wanted = unequal(0.6)
     (line,) = said(wanted, np.where(wanted > 0.3, 0.3 + 0.1 * (wanted - 0.3), wanted), None)

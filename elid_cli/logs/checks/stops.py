@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import in_words
 from elid_cli.robot.robot import Robot
 
 NEAR = 0.02
@@ -60,9 +61,9 @@ def at_stops(signals: Mapping[str, Array], q: Array, robot: Robot) -> Iterator[s
         )
     if unknown:
         yield (
-            f"{', '.join(unknown)} goes no farther, however far its commands go beyond: it seems to meet a stop, or "
-            "its drive a limit; a stop is not modelled, and friction, springs and inertia may be found in its place; "
-            "leave these stretches out"
+            f"{in_words(unknown)} {'goes' if len(unknown) == 1 else 'go'} no farther, however far commands go beyond: "
+            "what seems to be a stop, or a limit of the drive. A stop is not modelled, and friction, springs and inertia "
+            "may be found in its place; leave these stretches out"
         )
 
 
