@@ -62,8 +62,8 @@ def at_stops(signals: Mapping[str, Array], q: Array, robot: Robot) -> Iterator[s
     if unknown:
         yield (
             f"{in_words(unknown)} {'goes' if len(unknown) == 1 else 'go'} no farther, however far commands go beyond: "
-            "what seems to be a stop, or a limit of the drive. A stop is not modelled, and friction, springs and inertia "
-            "may be found in its place; leave these stretches out"
+            "what seems to be a stop, or a limit of the drive. A stop is not modelled, and friction, springs and "
+            "inertia may be found in its place; leave these stretches out"
         )
 
 
