@@ -49,7 +49,7 @@ def sprung(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     folder = tmp_path_factory.mktemp("sprung")
     path = robot(folder).source
     stiffness = np.array([1.5, 0.0, 0.0])
-    return written(folder, "run.h5", moved(1, 14.0, push=lambda x, v, load: stiffness * x)), str(path)
+    return written(folder, "run.h5", moved(1, 10.5, push=lambda x, v, load: stiffness * x)), str(path)
 
 
 def test_before_anything_is_judged_the_search_by_motion_says_what_it_had_chosen(

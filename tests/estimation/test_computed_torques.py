@@ -31,7 +31,7 @@ def test_a_velocity_sampled_as_its_command_changes_is_late_by_its_ripple(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plant, "COULOMB", np.full(3, 1e-9))
-    log = plant.written(tmp_path, "log.h5", plant.moved(60, 12.0, noise=1e-6))
+    log = plant.written(tmp_path, "log.h5", plant.moved(60, 9.0, noise=1e-6))
     robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
     found = identify(robot, prepare(read_recording([log], robot), robot), TORQUE)
     delays = [item.parameters["delay"] for item in found.nuisances if item.effect == "torque_delay"]
@@ -43,7 +43,7 @@ def test_intervals_hold_though_commands_are_stairs(tmp_path: Path) -> None:
     # viscous friction was up to 28 standard errors off
     scores = []
     for seed in (60, 61, 62, 63):
-        log = plant.written(tmp_path, f"{seed}.h5", plant.moved(seed, 8.0))
+        log = plant.written(tmp_path, f"{seed}.h5", plant.moved(seed, 6.0))
         robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
         signals = prepare(read_recording([log], robot), robot)
         found = identify(robot, signals, TORQUE)

@@ -37,7 +37,7 @@ def identified(folder: Path, log: Recording, capsys: pytest.CaptureFixture[str],
 
 
 def test_a_torque_at_the_steps_of_commands_is_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = with_torque(moved(3, 12.0, noise=1e-5))
+    log = with_torque(moved(3, 9.0, noise=1e-5))
     found = identified(tmp_path, log, capsys)
     told = [line for line in found["warnings"] if "what the drive computes" in line]  # type: ignore[attr-defined]
     assert [line.split(":")[0] for line in told] == list(NAMES)
@@ -49,7 +49,7 @@ def test_a_torque_at_the_steps_of_commands_is_doubted(tmp_path: Path, capsys: py
 
 
 def test_a_measured_torque_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = with_torque(moved(3, 12.0, noise=1e-5))
+    log = with_torque(moved(3, 9.0, noise=1e-5))
     tau = 0.5 * (log.tau + np.roll(log.tau, 1, axis=0))  # as one that is measured in the middle
     noisy = replace(log, tau=tau + 0.05 * np.random.default_rng(1).standard_normal(tau.shape) * np.std(tau, axis=0))
     found = identified(tmp_path, noisy, capsys)

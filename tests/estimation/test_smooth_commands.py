@@ -36,7 +36,7 @@ def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 def every(step: int, seed: int = 0, duration: float = 16.0, delay: float = 0.0, noise: float = 5e-5) -> Recording:
     """Return every so many samples of a log, with the torque of their commands as reading a file gives it."""
-    log = plant.moved(seed, duration, delay, noise=noise)
+    log = plant.moved(seed, duration, delay, noise=noise, sweep=0.15)
     t, q = log.t[::step], log.q[::step]
     told = {name: values[::step] for name, values in log.commands.items()}
     dt = step * log.dt

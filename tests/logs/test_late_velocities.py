@@ -90,7 +90,7 @@ def test_joints_are_judged_by_the_velocity_that_they_have_and_only_where_a_torqu
 
 
 def test_identify_warns_of_a_filtered_velocity(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording, robot = plant.moved(1, 8.0), plant.robot(tmp_path)
+    recording, robot = plant.moved(1, 6.0), plant.robot(tmp_path)
     top, bottom = butter(1, 20.0, fs=1 / plant.DT)
     late = replace(recording, dq=lfilter(top, bottom, recording.dq, axis=0))
     warnings = {}

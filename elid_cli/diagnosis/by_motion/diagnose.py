@@ -30,18 +30,14 @@ from elid_cli.estimation.known_load import off_scales, scale_warnings
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
 from elid_cli.estimation.smooth_commands import as_told
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
-from elid_cli.estimation.trajectory.identification import (
-    commanded_runs,
-    declared_along,
-    identification_of,
-    started_from,
-)
+from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, identification_of
 from elid_cli.estimation.trajectory.late_joints import believed
 from elid_cli.estimation.trajectory.simulator_steps import is_timed, retimed, runs_in_time
 from elid_cli.estimation.trajectory.softening import columns_of

@@ -16,9 +16,10 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError, RobotError
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
-from elid_cli.estimation.trajectory.identification import declared_along, started_from
+from elid_cli.estimation.trajectory.identification import declared_along
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals

@@ -14,10 +14,10 @@ import numpy as np
 from elid_cli.diagnosis.by_motion.torque_limits import LEAST, limited, with_limits
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.errors import DataError
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run

@@ -19,10 +19,10 @@ from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import LoadScale
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.estimation.trajectory.changes import Change
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
-from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_gains

@@ -36,9 +36,9 @@ from elid_cli.diagnosis.by_motion.torque_gains import (
 )
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.changes import retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
-from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
 from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
 from elid_cli.estimation.trajectory.velocity_filters import filters_of, velocity_filters

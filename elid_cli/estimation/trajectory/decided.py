@@ -36,6 +36,8 @@ PART = 0.1
 """Part of a joint's own inertia, torque and damping gain that inertia, friction and viscous friction begin with."""
 AHEAD = 8.0
 """The same of one that is negative …"""
+WITHIN = 0.2
+"""Part of a loop's period up to which a delay is one of whole periods."""
 NEARER = 0.2
 """… and the sum over the joints of the logarithm by which the error then falls, unless only noise is left."""
 
@@ -97,6 +99,7 @@ def fit_with_columns(
         except DataError:
             again = fit, columns
         fit, columns = again if _nearer(again[0], fit) else (fit, columns)
+    fit, columns = _of_whole_periods(fit, columns) if late else (fit, columns)
     if not soft:
         return fit, columns
 
@@ -108,6 +111,30 @@ def fit_with_columns(
     if _lost(softer, start):
         softer = _found_again(softer, fit, _plausible(fit, start), refit)
     return softer, columns if softer is fit else columns_of(softer)
+
+
+def _of_whole_periods(fit: TrajectoryFit, columns: list[Array]) -> tuple[TrajectoryFit, list[Array]]:
+    """Return the fit, or one whose loops take commands at other periods than it ended at, where that is nearer.
+
+    What is left of a delay after whole periods passes before the held torque acts: a descent does not leave its period.
+    """
+    often = [float(item.run.drives.held.max()) for item in fit.tracked if item.run.drives.held is not None]
+    if not often or not max(often):
+        return fit, columns
+    period = fit.tracked[0].run.dt / max(often)
+    place = fit.delays / period
+    best = fit, columns
+    for whole in (np.floor(place), np.ceil(place)):
+        if (np.abs(place - whole) < WITHIN).all():
+            continue
+        z = fit.z.copy()
+        z[fit.unknowns.delays] = whole * period
+        try:
+            other = fitted_with_columns(fit.unknowns, [replace(item) for item in fit.tracked], z)
+        except DataError:
+            continue
+        best = other if _nearer(other[0], best[0]) else best
+    return best
 
 
 def _lost(fit: TrajectoryFit, start: Array) -> bool:

@@ -15,6 +15,7 @@ from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.judgement import ModelWord
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
@@ -83,8 +84,6 @@ LESS = 0.7
 """… below which they are too small for that noise …"""
 STILL = 0.01
 """… and below which the joint rests at one count of its encoder."""
-SLOW = 0.1
-"""Part of the usual speed below which friction is not looked at for the start."""
 
 
 def by_trajectory(
@@ -234,31 +233,6 @@ def declared_along(robot: Robot, run: Run) -> tuple[list[Effect], list[float]]:
     return [effect for effect, _ in known], [
         float(a) for effect, amplitudes in known if not effect.softens for a in amplitudes
     ]
-
-
-def torque_of_drives(robot: Robot, signals: Signals) -> Array:
-    """Return the torque that the bodies as the file has them leave to drives, along the measured motion, (N, n)."""
-    motion = signals.motion
-    q, dq, ddq = motion.theta, motion.dtheta, motion.ddtheta
-    local = Linearised(robot, without=PARAMETERS).about(q[:, None], dq[:, None])
-    left: Array = signals.tau - local.force[:, 0] - np.einsum("nij,nj->ni", local.mass[:, 0], ddq)
-    return left
-
-
-def started_from(robot: Robot, signals: Signals) -> Array:
-    """Return drive parameters to start from, (n, 4): least squares joint by joint, the bodies as the file says."""
-    dq, ddq = signals.motion.dtheta, signals.motion.ddtheta
-    left = torque_of_drives(robot, signals)
-    values = np.empty((robot.n, len(KINDS)))
-    for k in range(robot.n):
-        speed = dq[:, k]
-        usual = max(float(np.sqrt(np.nanmean(speed**2))), 1e-9)  # between stretches there is no motion
-        use = (np.abs(speed) > SLOW * usual) & np.isfinite(left[:, k])
-        columns = np.stack([ddq[:, k], np.sign(speed), speed, np.ones_like(speed)], axis=1)[use]
-        values[k] = np.linalg.lstsq(columns, left[use, k], rcond=None)[0]
-    typical = np.maximum(np.median(values[:, :3], axis=0), 1e-4)
-    values[:, :3] = np.maximum(values[:, :3], 0.2 * typical)
-    return values
 
 
 def identification_of(

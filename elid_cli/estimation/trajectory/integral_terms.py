@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.estimation.trajectory.beginning import torque_of_drives
 from elid_cli.estimation.trajectory.beside import Beside, moved_by_runs
 from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.identification import torque_of_drives
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_integrals
 from elid_cli.model.runs import Run

@@ -75,7 +75,8 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
 
 def _fit(robot: Robot, standing: Robot, log: Signals, part: float) -> TrajectoryFit:
     from elid_cli.estimation.trajectory.decided import fit_trajectory
-    from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, started_from
+    from elid_cli.estimation.trajectory.beginning import started_from
+    from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along
 
     assert log.recording is not None
     acting = as_acting(robot, log)

@@ -38,12 +38,12 @@ def robot(folder: Path) -> Robot:
 
 
 def moved(
-    seed: int = 0, duration: float = 9.0, delay: float | np.ndarray = 0.0,
+    seed: int = 0, duration: float = 7.0, delay: float | np.ndarray = 0.0,
     push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,
     resting: bool = False, count: float = 0.0, rates: bool = True, smoothing: float = 0.0,
-    once: bool = False,
+    once: bool = False, sweep: float = 0.2,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
@@ -54,13 +54,13 @@ def moved(
     from pose to pose and rest there where `resting`; encoders read whole multiples of a `count`, rad. Drives are told
     the rates of their positions where `rates`, else that they are to stand still. Their damping takes the velocity of
     a first-order filter of time constant `smoothing`, s. Where `once`, drives compute their torque at the samples and
-    hold it until the next.
+    hold it until the next. The motion's frequency rises by `sweep`, Hz/s.
     """
     rng = np.random.default_rng(seed)
     samples, fine = round(duration / DT) + 1, round(DT / STEP)
     t = DT * np.arange(samples)
     phase = rng.uniform(0, 2 * np.pi, 6)
-    chirp = 2 * np.pi * (0.2 * t + 0.5 * 0.15 * t**2)
+    chirp = 2 * np.pi * (0.2 * t + 0.5 * sweep * t**2)
     q_des = np.stack([0.5 * np.sin(chirp + phase[k]) + 0.3 * np.sin(2.1 * t + phase[k + 3]) for k in range(3)], axis=1)
     if resting:
         q_des = _from_pose_to_pose(t, rng)

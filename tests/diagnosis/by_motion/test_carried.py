@@ -236,7 +236,7 @@ def test_the_body_with_the_tool_is_written_as_one_that_there_may_be(tmp_path: Pa
 
 
 def test_a_wrong_gain_of_a_single_joint_is_told_beside_the_load_that_it_looks_like(tmp_path: Path) -> None:
-    recording = plant.moved(4, 8.0)
+    recording = plant.moved(4, 6.0)
     alone = {name: values[:, :1] for name, values in recording.commands.items()}
     alone |= {name: 1.2 * alone[name] for name in ("kp", "kd")}
     q = recording.q[:, :1]
@@ -299,7 +299,7 @@ def test_of_several_arms_the_one_that_carries_is_told(tmp_path: Path) -> None:
         'pos="0 0 -0.2" mass="0.8"', 'pos="0.04 0 -0.2" mass="0.7"'
     ))  # fmt: skip
     arms = read_robot(path)
-    log = plant.written(tmp_path, "log.h5", plant.moved(4, 9.0, delay=0.002))
+    log = plant.written(tmp_path, "log.h5", plant.moved(4, 7.0, delay=0.002))
     found = diagnose_motion(arms, prepare(read_recording([log], arms), arms))
     assert [(e.effect, e.joint) for e in found.effects] == [("payload", "two")]
     (effect,) = found.effects

@@ -19,10 +19,11 @@ from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import grown
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.estimation.trajectory.found_effects import fitted_effects
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.logs import robot_as_logged
 from elid_cli.logs.reading import read_recording
 from elid_cli.model import rollout_loops
@@ -84,7 +85,7 @@ def test_wrong_gains_are_named_in_place_of_a_spring_and_a_spring_is_no_gain(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = robot(tmp_path).source
-    recording = moved(3, 8.0)
+    recording = moved(3, 6.0)
     factor = np.array([1.2, 1.0, 1.0])
     wrong = replace(recording, commands={
         name: values * (factor if name in ("kp", "kd") else 1.0) for name, values in recording.commands.items()
@@ -111,7 +112,7 @@ def test_wrong_gains_are_named_in_place_of_a_spring_and_a_spring_is_no_gain(
     # a clean log, and a spring, which no gain imitates
     clean = told(capsys, "identify", written(tmp_path, "clean.h5", recording), "--robot", path)
     assert not [w for w in clean["warnings"] if "described bodies need" in w]
-    sprung = written(tmp_path, "spring.h5", moved(3, 8.0, push=lambda x, v, load: np.array([1.5, 0, 0]) * (x - 0.3)))
+    sprung = written(tmp_path, "spring.h5", moved(3, 6.0, push=lambda x, v, load: np.array([1.5, 0, 0]) * (x - 0.3)))
     found = told(capsys, "diagnose", sprung, "--robot", path)
     assert {(e["effect"], e["joint"]) for e in found["effects"]} == {("link_spring", "one")}
     assert "torque_gain" not in {r["effect"] for r in found["also_possible"]}
@@ -119,7 +120,7 @@ def test_wrong_gains_are_named_in_place_of_a_spring_and_a_spring_is_no_gain(
 
 
 def test_a_log_that_starts_in_motion_leaves_nothing_unexplained(tmp_path: Path) -> None:
-    recording = moved(7, 10.0, delay=0.03, noise=3e-5)
+    recording = moved(7, 7.5, delay=0.03, noise=3e-5)
     later = slice(230, None)
     count = len(recording.t[later])
     recording = replace(
@@ -177,7 +178,7 @@ def test_what_screening_prefers_at_a_joint_does_not_hide_what_is_missing_there(
     def grip(_: np.ndarray, v: np.ndarray, __: np.ndarray) -> np.ndarray:
         return np.array([0.6 * COULOMB[0] * np.exp(-((v[0] / 0.1) ** 2)), 0.0, 0.0])
 
-    log = written(tmp_path, "slow.h5", moved(1, 6.0, grip=grip))
+    log = written(tmp_path, "slow.h5", moved(1, 6.0, sweep=0.15, grip=grip))
     found = told(capsys, "diagnose", log, "--robot", robot(tmp_path).source)
     assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("stribeck", "one")]
     assert found["unexplained"] == []
@@ -206,7 +207,7 @@ def test_motion_without_numba_says_before_it_begins_that_it_is_slow(
 
 def test_a_shape_and_its_amplitude_are_fitted_with_joint_errors(tmp_path: Path) -> None:
     log = written(
-        tmp_path, "log.h5", moved(5, 8.0, grip=lambda x, v, load: 0.25 * np.exp(-np.abs(v) / 0.15) * [0, 1, 0])
+        tmp_path, "log.h5", moved(5, 6.0, grip=lambda x, v, load: 0.25 * np.exp(-np.abs(v) / 0.15) * [0, 1, 0])
     )
     arm = robot_as_logged(robot(tmp_path), [log], None, {})
     signals = prepare(read_recording([log], arm), arm)
@@ -227,7 +228,7 @@ def test_a_shape_and_its_amplitude_are_fitted_with_joint_errors(tmp_path: Path) 
 
 
 def test_what_is_large_is_seen_from_the_measured_motion(tmp_path: Path) -> None:
-    log = written(tmp_path, "log.h5", moved(1, 8.0, push=lambda x, v, load: np.array([0.0, 1.2, 0.0]) * v * np.abs(v)))
+    log = written(tmp_path, "log.h5", moved(1, 6.0, push=lambda x, v, load: np.array([0.0, 1.2, 0.0]) * v * np.abs(v)))
     arm = robot_as_logged(robot(tmp_path), [log], None, {})
     signals = prepare(read_recording([log], arm), arm)
     assert signals.recording is not None
@@ -249,7 +250,7 @@ def test_from_python_and_as_tables(tmp_path: Path) -> None:
     from elid_cli import diagnose_motion, identify, prepare, read_recording, replay
 
     arm = robot(tmp_path)
-    log = written(tmp_path, "log.h5", moved(4, 10.0, push=lambda x, v, load: np.array([1.2, 0.0, 0.0]) * x))
+    log = written(tmp_path, "log.h5", moved(4, 7.5, push=lambda x, v, load: np.array([1.2, 0.0, 0.0]) * x))
     arm = robot_as_logged(arm, [log], None, {})
     recording = read_recording([log], arm)
     signals = prepare(recording, arm)
@@ -300,7 +301,7 @@ def test_pictures_show_the_motion_and_options_of_the_other_search_are_told(
 
 def test_what_a_linear_step_cannot_tell_the_motion_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Friction that bends with speed, and a fall at low speed, took nine tenths of the error each."""
-    log = moved(7, 10.0, push=lambda x, v, load: 0.25 * v * np.abs(v) * [0, 1, 0], noise=2e-5)
+    log = moved(7, 7.5, push=lambda x, v, load: 0.25 * v * np.abs(v) * [0, 1, 0], noise=2e-5)
     robot(tmp_path)
     found = told(capsys, "diagnose", written(tmp_path, "log.h5", log), "--robot", str(tmp_path / "pendulums.xml"))
     assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("quadratic_viscous", "two")]
@@ -337,7 +338,7 @@ def test_a_companion_must_help_every_block() -> None:
 
 
 def test_a_gain_and_a_spring_that_coarse_encoders_leave_alike_are_both_named(tmp_path: Path) -> None:
-    arm, recording = robot(tmp_path), moved(6, 9.0, noise=1e-3)
+    arm, recording = robot(tmp_path), moved(6, 7.0, noise=1e-3)
     factor = np.array([1.0, 1.25, 1.0])
     wrong = replace(recording, commands={
         name: values * (factor if name in ("kp", "kd") else 1.0) for name, values in recording.commands.items()
@@ -354,7 +355,7 @@ def test_a_gain_and_a_spring_that_coarse_encoders_leave_alike_are_both_named(tmp
 
 def test_ctrl_c_after_the_first_search_keeps_what_it_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arm = robot(tmp_path)
-    log = written(tmp_path, "tilt.h5", moved(5, 8.0, tilt=0.1))
+    log = written(tmp_path, "tilt.h5", moved(5, 6.0, tilt=0.1))
 
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt

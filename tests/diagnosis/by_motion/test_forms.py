@@ -11,8 +11,9 @@ from elid_cli.diagnosis.by_motion.refits import grown
 from elid_cli.diagnosis.by_motion.search import _kept, screened, search
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.logs import robot_as_logged
 from elid_cli.logs.reading import read_recording
 from elid_cli.model.effects import effect_classes
@@ -33,7 +34,7 @@ def started(
     def grip(x: np.ndarray, v: np.ndarray, load: np.ndarray) -> np.ndarray:
         return np.eye(3)[JOINT] * amplitude * np.exp(-((np.abs(v) / velocity) ** exponent))
 
-    log = plant.written(folder, "log.h5", plant.moved(3, duration, grip=grip))
+    log = plant.written(folder, "log.h5", plant.moved(3, duration, grip=grip, sweep=0.15))
     robot = robot_as_logged(plant.robot(folder), [log], None, {})
     signals = prepare(read_recording([log], robot), robot)
     assert signals.recording is not None

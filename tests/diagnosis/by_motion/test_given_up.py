@@ -13,9 +13,10 @@ from elid_cli.diagnosis.by_motion.candidates import Candidate
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.diagnosis.by_motion.refits import grown, hardened
 from elid_cli.diagnosis.by_motion.steps import Named
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.logs.reading import read_recording
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.library.link_spring import LinkSpring
@@ -35,7 +36,9 @@ def fitted(folder: Path, recording: Recording) -> TrajectoryFit:
 
 def test_friction_that_fades_in_is_given_up_for_the_curve_that_it_imitated(tmp_path: Path) -> None:
     arm, rise, velocity = robot(tmp_path), 0.15, 0.15
-    recording = moved(6, 8.0, grip=lambda x, v, load: rise * (1 - np.exp(-np.abs(v) / velocity)) * [0, 1, 0])
+    recording = moved(
+        6, 8.0, sweep=0.15, grip=lambda x, v, load: rise * (1 - np.exp(-np.abs(v) / velocity)) * [0, 1, 0]
+    )
     signals = prepare(read_recording([written(tmp_path, "rising.h5", recording)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("stribeck",))
     assert [(e.effect, e.joint) for e in found.effects] == [("stribeck", "two")]

@@ -30,7 +30,7 @@ TRUTH = {"Ja": ARMATURE, "fs": COULOMB, "fv": VISCOUS}
 
 
 def told(folder: Path, capsys: pytest.CaptureFixture[str], **how: object) -> dict[str, object]:
-    log = written(folder, "log.h5", moved(6, 10.0, noise=NOISE, **how))  # type: ignore[arg-type]
+    log = written(folder, "log.h5", moved(6, 7.5, noise=NOISE, **how))  # type: ignore[arg-type]
     line = ["identify", log, "--robot", str(robot(folder).source), "--fit", "trajectory", "--json"]
     assert main([*line, "--write-robot", str(folder / "found.yaml")]) == 0
     found: dict[str, object] = json.loads(capsys.readouterr().out)
@@ -59,7 +59,7 @@ def test_loops_that_hold_are_found_and_the_written_robot_has_them(
     assert np.all(0.5 * DT * KP > 0.2 * VISCOUS)
     assert np.all(0.5 * DT * KD > 0.1 * ARMATURE)
 
-    again, other = read_robot(tmp_path / "found.yaml"), moved(8, 8.0, noise=NOISE, once=True, delay=delay)
+    again, other = read_robot(tmp_path / "found.yaml"), moved(8, 6.0, noise=NOISE, once=True, delay=delay)
     assert replay(again, other).mean_abs < 1.1 * NOISE
     assert replay(again, other, ReplayOptions(engine="mujoco")).mean_abs < 10 * NOISE  # its steps of 1 ms
     bare = replace(again, effects=tuple(spec for spec in again.effects if spec.effect != "held_loop"))
@@ -80,7 +80,7 @@ def test_loops_that_act_all_the_time_are_not_called_held(tmp_path: Path, capsys:
     assert np.abs(scores(found)).max() < 4
     # the motion is clear about it: no word of what another loop would change
     assert not any("held for a sample" in note for note in found["notes"])  # type: ignore[attr-defined]
-    noisy = moved(6, 10.0, noise=3e-3)
+    noisy = moved(6, 7.5, noise=3e-3)
     log = written(tmp_path, "noisy.h5", noisy)
     line = ["identify", log, "--robot", str(robot(tmp_path).source), "--fit", "trajectory", "--json"]
     assert main(line) == 0
@@ -89,7 +89,7 @@ def test_loops_that_act_all_the_time_are_not_called_held(tmp_path: Path, capsys:
 
 
 def test_a_search_has_the_loops_that_the_motion_shows(tmp_path: Path) -> None:
-    arm, log = robot(tmp_path), moved(6, 10.0, noise=NOISE, once=True)
+    arm, log = robot(tmp_path), moved(6, 7.5, noise=NOISE, once=True)
     signals = prepare(read_recording([written(tmp_path, "log.h5", log)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("stribeck", "velocity_filter"))
     assert not found.effects

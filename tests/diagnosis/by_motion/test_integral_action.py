@@ -32,7 +32,7 @@ TRUTH = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
 
 def test_an_integral_term_is_named_and_the_written_robot_has_it(tmp_path: Path) -> None:
     arm, term = robot(tmp_path), np.array([0.0, RATE * KP[1], 0.0])
-    recording = moved(6, 10.0, delay=0.002, integral=term, held=np.array([0.0, 0.4, 0.0]))
+    recording = moved(6, 7.5, delay=0.002, integral=term, held=np.array([0.0, 0.4, 0.0]))
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("integral_action", "two")]
     (effect,) = found.effects
@@ -51,7 +51,7 @@ def test_an_integral_term_is_named_and_the_written_robot_has_it(tmp_path: Path) 
     # another log of the same machine, whose drive holds something else when it begins
     file = tmp_path / "found.yaml"
     file.write_text(text_of(found.refined))
-    again, other = read_robot(file), moved(8, 12.0, delay=0.002, integral=term)
+    again, other = read_robot(file), moved(8, 9.0, delay=0.002, integral=term)
     assert replay(again, recording).mean_abs < 2e-4
     assert replay(again, other).mean_abs < 0.5 * replay(identified_robot(found.before), other).mean_abs
     signals = prepare(read_recording([written(tmp_path, "other.h5", other)], again), again)
@@ -152,7 +152,7 @@ def test_integrals_go_on_from_stretch_to_stretch_of_a_file_and_start_afresh_in_t
 
 def test_an_integral_term_and_a_late_drive_of_one_joint_are_found_beside_each_other(tmp_path: Path) -> None:
     arm, late = robot(tmp_path), np.array([0.001, 0.005, 0.001])
-    recording = moved(7, 10.0, delay=late, integral=np.array([0.0, RATE * KP[1], 0.0]))
+    recording = moved(7, 10.0, sweep=0.15, delay=late, integral=np.array([0.0, RATE * KP[1], 0.0]))
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm))
     named = {(e.effect, e.joint): e for e in found.effects}
     assert named.keys() == {("integral_action", "two"), ("torque_delay", "two")}

@@ -21,7 +21,7 @@ from tests.diagnosis.by_motion import plant
 
 
 def test_a_lighter_body_is_told_beside_what_imitates_it(tmp_path: Path) -> None:
-    log = plant.written(tmp_path, "log.h5", plant.moved(5, 8.0))
+    log = plant.written(tmp_path, "log.h5", plant.moved(5, 6.0))
     robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
     joints = list(robot.joints)
     lighter = {k: 0.8 * v if k in LINK_PARAMETERS else v for k, v in joints[1].parameters.items()}

@@ -31,7 +31,7 @@ def turned(folder: Path) -> Robot:
 
 
 def test_the_turn_that_joints_feel_is_found(tmp_path: Path) -> None:
-    arm, log = turned(tmp_path), moved(6, 8.0, noise=3e-5, tilt=TURN)
+    arm, log = turned(tmp_path), moved(6, 6.0, noise=3e-5, tilt=TURN)
     signals = prepare(read_recording([written(tmp_path, "log.h5", replace(log))], arm), arm)
     found = diagnose_motion(arm, signals, None, ("gravity_direction", "encoder_zero", "link_spring"))
     (effect,) = [e for e in found.effects if e.effect == "gravity_direction"]

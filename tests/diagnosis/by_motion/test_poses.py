@@ -25,7 +25,7 @@ from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VI
 
 def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path) -> None:
     arm, tilt = robot(tmp_path), -0.1
-    recording = moved(6, 9.0, tilt=tilt)
+    recording = moved(6, 7.0, tilt=tilt)
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "tilt.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("gravity_direction", None)]
     (effect,) = found.effects
@@ -45,7 +45,7 @@ def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("steep", [False, True])
 def test_the_zero_of_an_encoder_is_named_in_place_of_a_spring(tmp_path: Path, steep: bool) -> None:
     arm, zero = robot(tmp_path), 0.2 if steep else 0.05
-    recording = moved(6, 9.0, tilt=np.array([0.0, zero, 0.0]))
+    recording = moved(6, 7.0, tilt=np.array([0.0, zero, 0.0]))
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "zero.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("encoder_zero", "two")]
     (effect,) = found.effects
@@ -71,7 +71,7 @@ def test_a_declared_zero_or_tilt_turns_the_robot_that_is_simulated(
     tmp_path: Path, tilt: np.ndarray | float, spec: EffectSpec
 ) -> None:
     arm = robot(tmp_path)
-    known, recording = replace(arm, effects=(spec,)), moved(6, 8.0, tilt=tilt)
+    known, recording = replace(arm, effects=(spec,)), moved(6, 6.0, tilt=tilt)
     signals = prepare(read_recording([written(tmp_path, "log.h5", recording)], known), known)
     found = identify(known, signals)
     assert found.estimator == "trajectory"
@@ -94,7 +94,7 @@ def test_a_declared_zero_or_tilt_turns_the_robot_that_is_simulated(
 def test_zeros_of_two_encoders_are_found_beside_a_friction(tmp_path: Path) -> None:
     arm, only = robot(tmp_path), np.array([0.0, 0.0, 1.0])
     zeros = np.array([0.06, -0.04, 0.0])
-    recording = moved(5, 9.0, tilt=zeros, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
+    recording = moved(5, 7.0, tilt=zeros, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
     signals = prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("stribeck", "link_spring", "gravity_direction", "encoder_zero"))
     named = {(e.effect, e.joint): e for e in found.effects}
@@ -106,7 +106,7 @@ def test_zeros_of_two_encoders_are_found_beside_a_friction(tmp_path: Path) -> No
 
 def test_a_tilted_base_is_found_beside_another_effect_and_a_steep_one_is_not_guessed(tmp_path: Path) -> None:
     arm, only = robot(tmp_path), np.array([0.0, 0.0, 1.0])
-    recording = moved(5, 9.0, tilt=0.06, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
+    recording = moved(5, 7.0, tilt=0.06, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
     signals = prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("stribeck", "link_spring", "gravity_direction"))
     assert {(e.effect, e.joint) for e in found.effects} == {("gravity_direction", None), ("stribeck", "three")}
@@ -177,7 +177,7 @@ class Turned(Changed):
 
 def test_a_tilt_and_a_late_drive_are_both_found(tmp_path: Path) -> None:
     arm, late = robot(tmp_path), np.array([0.001, 0.001, 0.005])
-    recording = moved(7, 10.0, delay=late, tilt=0.05)
+    recording = moved(7, 7.5, delay=late, tilt=0.05)
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm))
     named = {(e.effect, e.joint): e for e in found.effects}
     assert named.keys() == {("gravity_direction", None), ("torque_delay", "three")}
@@ -190,7 +190,7 @@ def test_a_tilt_and_a_late_drive_are_both_found(tmp_path: Path) -> None:
 
 def test_coarse_encoders_show_a_late_drive_as_well(tmp_path: Path) -> None:
     arm, late = robot(tmp_path), np.array([0.002, 0.002, 0.006])
-    recording = moved(7, 12.0, delay=late, noise=1e-3)
+    recording = moved(7, 9.0, delay=late, noise=1e-3)
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "late.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("torque_delay", "three")]
     (effect,) = found.effects
@@ -199,7 +199,7 @@ def test_coarse_encoders_show_a_late_drive_as_well(tmp_path: Path) -> None:
 
 def test_a_drive_that_acts_later_than_the_others_is_named_with_its_delay(tmp_path: Path) -> None:
     arm, late = robot(tmp_path), np.array([0.001, 0.001, 0.006])
-    recording = moved(7, 10.0, delay=late)
+    recording = moved(7, 10.0, sweep=0.15, delay=late)
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "late.h5", recording)], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("torque_delay", "three")]
     assert found.effects[0].parameters["delay"] == pytest.approx(0.006, abs=5e-5)
@@ -220,7 +220,7 @@ def test_a_drive_that_acts_later_than_the_others_is_named_with_its_delay(tmp_pat
 
 
 def test_a_declared_delay_that_is_wrong_is_not_believed(tmp_path: Path) -> None:
-    arm, recording = robot(tmp_path), moved(6, 8.0, delay=0.001)
+    arm, recording = robot(tmp_path), moved(6, 6.0, delay=0.001)
     known = replace(arm, effects=(EffectSpec("torque_delay", "three", {"delay": 0.006}),))
     signals = prepare(read_recording([written(tmp_path, "log.h5", recording)], known), known)
     found = diagnose_motion(known, signals, None, ("torque_delay", "link_spring"))

@@ -54,7 +54,7 @@ def test_filters_come_along_as_their_equation_says() -> None:
 
 
 def test_filters_of_velocity_are_named_and_the_written_robot_has_them(tmp_path: Path) -> None:
-    arm, recording = robot(tmp_path), moved(6, 10.0, delay=0.002, smoothing=TIME)
+    arm, recording = robot(tmp_path), moved(6, 7.5, delay=0.002, smoothing=TIME)
     found = diagnose_motion(
         arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm), None, TRIED
     )
@@ -68,7 +68,7 @@ def test_filters_of_velocity_are_named_and_the_written_robot_has_them(tmp_path: 
     # without them the inertias are too small by kd times the time
     np.testing.assert_allclose(found.fit_before.values[:, 0] - ARMATURE, -KD * TIME, rtol=0.25)
 
-    file, other = tmp_path / "found.yaml", moved(8, 8.0, delay=0.002, smoothing=TIME)
+    file, other = tmp_path / "found.yaml", moved(8, 6.0, delay=0.002, smoothing=TIME)
     file.write_text(text_of(found.refined))
     again = read_robot(file)
     assert replay(again, other).mean_abs < 1.3e-4
@@ -92,7 +92,7 @@ def test_identify_counts_filters_that_it_does_not_hold(tmp_path: Path, capsys: p
     arm = robot(tmp_path)
     told = {}
     for name, smoothing in (("plain", 0.0), ("slow", TIME)):
-        log = written(tmp_path, f"{name}.h5", moved(6, 10.0, delay=0.002, smoothing=smoothing))
+        log = written(tmp_path, f"{name}.h5", moved(6, 7.5, delay=0.002, smoothing=smoothing))
         assert main(["identify", log, "--robot", str(arm.source), "--fit", "trajectory", "--json"]) == 0
         told[name] = json.loads(capsys.readouterr().out)
     assert told["plain"]["settings"]["trajectory"]["velocity_filters"] == {}

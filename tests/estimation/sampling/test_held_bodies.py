@@ -22,7 +22,7 @@ def test_bodies_are_the_robots_and_drives_those_of_the_estimate(tmp_path: Path) 
         replace(joint, parameters={**joint.parameters, "Ja": factor * value})
         for joint, factor, value in zip(arms.joints, (0.2, 1.0, 3.0), plant.ARMATURE.tolist(), strict=True)
     ))  # fmt: skip
-    log = plant.written(tmp_path, "log.h5", plant.moved(3, 9.0, delay=0.002))
+    log = plant.written(tmp_path, "log.h5", plant.moved(3, 7.0, delay=0.002))
     found = identify(wrong, prepare(read_recording([log], wrong), wrong), EstimateOptions(fit="trajectory"))
     sets = sample([found], 400, wrong, seed=1)
     assert any("bodies are held at those of pendulums" in note for note in sets.notes)

@@ -17,7 +17,7 @@ from tests.diagnosis.by_motion.plant import moved, robot, written
 
 @pytest.mark.parametrize("still", [False, True])
 def test_a_joint_that_is_told_to_stand_still_is_known_roughly(tmp_path: Path, still: bool) -> None:
-    arm, log = robot(tmp_path), moved(6, 8.0, noise=3e-5)
+    arm, log = robot(tmp_path), moved(6, 6.0, noise=3e-5)
     if still:  # what it does between its commands is then none of its own
         commands = {**log.commands, "q_des": log.commands["q_des"] * [1.0, 0.0, 1.0],
                     "dq_des": log.commands["dq_des"] * [1.0, 0.0, 1.0]}  # fmt: skip
@@ -33,7 +33,7 @@ def test_a_joint_that_is_told_to_stand_still_is_known_roughly(tmp_path: Path, st
 
 
 def test_a_joint_that_a_brake_holds_is_locked(tmp_path: Path) -> None:
-    arm, log = robot(tmp_path), moved(6, 8.0, noise=3e-5)
+    arm, log = robot(tmp_path), moved(6, 6.0, noise=3e-5)
     held = log.q * [1.0, 0.0, 1.0] + [0.0, 0.3, 0.0]
     file = written(tmp_path, "log.h5", replace(log, q=held, theta=held, dq=None))
     seen = robot_as_logged(read_robot(str(arm.source)), [file])

@@ -31,7 +31,7 @@ def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 def logged(seed: int, late: float) -> Recording:
     """Return a log in which the first drive is late, s, with the torque of its commands."""
-    recording = plant.moved(seed, delay=np.array([late, 0.0, 0.0]), noise=NOISE)
+    recording = plant.moved(seed, 9.0, sweep=0.15, delay=np.array([late, 0.0, 0.0]), noise=NOISE)
     told = recording.commands
     tau = told["kp"] * (told["q_des"] - recording.q) + told["kd"] * (told["dq_des"] - recording.dq)
     return replace(recording, tau=tau)

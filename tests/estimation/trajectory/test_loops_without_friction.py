@@ -12,9 +12,10 @@ import pytest
 from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.trajectory import simulator_steps
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.held_loops import of_loops
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.logs.reading import read_recording
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
@@ -47,7 +48,7 @@ def test_loops_are_found_where_friction_ends_at_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plant, "VISCOUS", LITTLE)
-    found = told(tmp_path, capsys, plant.moved(6, 10.0, noise=1e-4, once=True))
+    found = told(tmp_path, capsys, plant.moved(6, 7.5, noise=1e-4, once=True))
     assert [item["joint"] for item in effects(found, "held_loop")] == list(NAMES)
     for name, truth in (("Ja", ARMATURE), ("fv", LITTLE), ("fs", COULOMB)):
         estimate, error = values(found, name)
@@ -80,7 +81,7 @@ def test_drives_that_are_told_no_rate_are_not_taken_to_be_told_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A slow log of commands that change all the time: a rate and a delay of samples made up for their stairs."""
-    found = told(tmp_path, capsys, _thinned(plant.moved(6, 12.0, noise=1e-4, rates=False), 4))
+    found = told(tmp_path, capsys, _thinned(plant.moved(6, 9.0, noise=1e-4, rates=False), 4))
     assert not any("told the rate of q_des, with" in note for note in found["notes"])  # type: ignore[attr-defined]
     assert all(abs(item["parameters"]["delay"]) < 4e-3 for item in effects(found, "torque_delay"))  # type: ignore[index]
     np.testing.assert_allclose(values(found, "Ja")[0], ARMATURE, rtol=0.2)
@@ -88,13 +89,13 @@ def test_drives_that_are_told_no_rate_are_not_taken_to_be_told_one(
 
 
 def test_commands_of_a_policy_are_not_smooth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(tmp_path, capsys, simulator.moved(6, 10.0, DT / 2, every=4))
+    found = told(tmp_path, capsys, simulator.moved(6, 7.5, DT / 2, every=4))
     assert not any("change smoothly" in note for note in found["notes"])  # type: ignore[attr-defined]
     assert np.abs(simulator.scores(found)).max() < 4
 
 
 def test_a_search_counts_steps_that_are_too_short_to_show(tmp_path: Path) -> None:
-    arm, log = robot(tmp_path), simulator.moved(6, 10.0, DT / 25)
+    arm, log = robot(tmp_path), simulator.moved(6, 7.5, DT / 25)
     signals = prepare(read_recording([written(tmp_path, "log.h5", log)], arm), arm)
     fit = diagnose_motion(arm, signals, None, ("stribeck",)).fit_after
     error = fit.unknowns.joint_values(fit.deviation)[:, 0]
@@ -105,7 +106,7 @@ def test_a_search_counts_steps_that_are_too_short_to_show(tmp_path: Path) -> Non
 
 def test_a_filter_of_the_velocity_is_no_held_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both take from inertia and viscous friction: of two that are nearer than loops that act always, the nearest."""
-    arm, log = robot(tmp_path), plant.moved(6, 10.0, noise=3e-5, smoothing=4e-3, rates=False)
+    arm, log = robot(tmp_path), plant.moved(6, 7.5, noise=3e-5, smoothing=4e-3, rates=False)
     recording = read_recording([written(tmp_path, "log.h5", log)], arm)
     signals = prepare(recording, arm)
     fit = fit_trajectory(arm, commanded_runs(recording, arm), started_from(arm, signals))

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli.diagnosis.by_motion.torque_gains import gains_of
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.estimation.trajectory.normal_equations import simulated
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns

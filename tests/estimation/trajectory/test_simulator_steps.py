@@ -85,7 +85,7 @@ def steps_of(found: dict[str, object]) -> dict[str, dict[str, float]]:
 
 
 def test_steps_are_found_and_the_written_robot_has_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(tmp_path, capsys, moved(6, 10.0, STEP))
+    found = told(tmp_path, capsys, moved(6, 7.5, STEP))
     steps = steps_of(found)
     assert list(steps) == list(NAMES)
     assert all(own["step"] == pytest.approx(STEP) and own["implicit"] == 0 for own in steps.values())
@@ -94,7 +94,7 @@ def test_steps_are_found_and_the_written_robot_has_them(tmp_path: Path, capsys: 
     # as smooth motion, inertia would be too small by this, many times its error
     assert np.all(0.5 * STEP * (KD - VISCOUS) > 0.01 * ARMATURE)
 
-    again, other = read_robot(tmp_path / "found.yaml"), moved(8, 8.0, STEP)
+    again, other = read_robot(tmp_path / "found.yaml"), moved(8, 6.0, STEP)
     assert replay(again, other).mean_abs < 1.1 * NOISE
     assert replay(again, other, ReplayOptions(engine="mujoco")).mean_abs < 3 * NOISE  # its friction fades in
     bare = replace(again, effects=tuple(spec for spec in again.effects if spec.effect != "euler_steps"))
@@ -111,7 +111,7 @@ def test_steps_are_found_and_the_written_robot_has_them(tmp_path: Path, capsys: 
 
 def test_steps_as_long_as_samples_are_no_smooth_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # half a sample ahead of held commands is what commands that change all the time look like, too
-    found = told(tmp_path, capsys, moved(6, 10.0, DT))
+    found = told(tmp_path, capsys, moved(6, 7.5, DT))
     assert [own["step"] for own in steps_of(found).values()] == [pytest.approx(DT)] * 3
     assert not any("commands are taken to change smoothly" in note for note in found["notes"])  # type: ignore[attr-defined]
     assert np.abs(scores(found)).max() < 4
@@ -120,7 +120,7 @@ def test_steps_as_long_as_samples_are_no_smooth_commands(tmp_path: Path, capsys:
 def test_implicit_damping_that_the_motion_does_not_tell_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log = moved(6, 10.0, STEP, implicit=True)
+    log = moved(6, 7.5, STEP, implicit=True)
     found = told(tmp_path, capsys, log)
     assert all(own["implicit"] == 0 for own in steps_of(found).values())
     assert any("declare euler_steps with implicit: 1" in note for note in found["notes"])  # type: ignore[attr-defined]
@@ -138,7 +138,7 @@ def test_implicit_damping_that_the_motion_does_not_tell_is_named(
 
 
 def test_steps_that_are_too_short_to_show_are_in_the_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(tmp_path, capsys, moved(6, 10.0, DT / 25))
+    found = told(tmp_path, capsys, moved(6, 7.5, DT / 25))
     assert not steps_of(found)
     assert any("ahead of the commands, as in a simulator's steps" in note for note in found["notes"])  # type: ignore[attr-defined]
     assert np.abs(scores(found)).max() < 4
@@ -150,7 +150,7 @@ def test_steps_that_are_too_short_to_show_are_in_the_errors(tmp_path: Path, caps
 def test_limits_are_found_in_the_steps_of_a_simulator(tmp_path: Path) -> None:
     """Found in smooth motion they were 1 to 2 % too low, many of their errors, and inertia with them."""
     arm, limit = robot(tmp_path), 3.0
-    log = moved(6, 10.0, DT / 10, every=8, limit=limit)
+    log = moved(6, 7.5, DT / 10, every=8, limit=limit)
     signals = prepare(read_recording([written(tmp_path, "log.h5", log)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("saturation",))
     assert found.effects
@@ -164,7 +164,7 @@ def test_limits_are_found_in_the_steps_of_a_simulator(tmp_path: Path) -> None:
 
 
 def test_a_search_has_the_steps_that_the_motion_shows(tmp_path: Path) -> None:
-    arm, log = robot(tmp_path), moved(6, 10.0, STEP)
+    arm, log = robot(tmp_path), moved(6, 7.5, STEP)
     signals = prepare(read_recording([written(tmp_path, "log.h5", log)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("stribeck", "velocity_filter"))
     assert not found.effects

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from elid_cli.estimation.trajectory import decided
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording, Segment

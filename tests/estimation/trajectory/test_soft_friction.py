@@ -14,8 +14,9 @@ from elid_cli.errors import RobotError
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.experiment.mjcf import mjcf_text
 from elid_cli.experiment.replay import ReplayOptions, replay
 from elid_cli.experiment.simulation.effects_at_work import active_effects

@@ -18,9 +18,10 @@ from elid_cli.estimation.physical.nearest import make_physical
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory import bodies, unasked
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.bodies import _torques, body_columns, other_bodies
 from elid_cli.estimation.trajectory.decided import fit_with_columns, shows_delays
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.estimation.trajectory.normal_equations import columns_of_pushes, simulated
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.experiment.last_log import read_last
@@ -39,7 +40,7 @@ from tests.experiment.replay.test_replay import commanded, rigid
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Recording, str]:
     folder = tmp_path_factory.mktemp("made")
-    log = plant.written(folder, "log.h5", plant.moved(3, 8.0))
+    log = plant.written(folder, "log.h5", plant.moved(3, 6.0))
     robot = robot_as_logged(plant.robot(folder), [log], None, {})
     return robot, read_recording([log], robot), log
 
@@ -184,7 +185,7 @@ def test_positions_move_with_bodies_as_a_simulation_of_another_robot_says() -> N
 
 def test_no_other_bodies_are_asked_for_by_clean_logs_and_wrong_ones_are_seen(tmp_path: Path) -> None:
     for seed in range(20, 23):
-        log = plant.written(tmp_path, f"{seed}.h5", plant.moved(seed, 8.0))
+        log = plant.written(tmp_path, f"{seed}.h5", plant.moved(seed, 6.0))
         robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
         recording = read_recording([log], robot)
         asked = []
@@ -196,7 +197,7 @@ def test_no_other_bodies_are_asked_for_by_clean_logs_and_wrong_ones_are_seen(tmp
 
 
 def test_a_joint_that_stays_where_it_is_is_not_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    moved = plant.moved(3, 8.0)
+    moved = plant.moved(3, 6.0)
     still = {"q_des": moved.commands["q_des"].copy(), "dq_des": moved.commands["dq_des"].copy()}
     still["q_des"][:, 2] = still["dq_des"][:, 2] = 0.0
     noise = 1e-4 * np.random.default_rng(0).standard_normal(len(moved.t))
@@ -224,7 +225,7 @@ def test_a_joint_that_stays_where_it_is_is_not_known(tmp_path: Path, capsys: pyt
 
 def test_no_friction_is_known_to_be_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plant, "COULOMB", np.zeros(3))
-    log = plant.written(tmp_path, "log.h5", plant.moved(3, 8.0))
+    log = plant.written(tmp_path, "log.h5", plant.moved(3, 6.0))
     robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
     found = found_of(robot, read_recording([log], robot))
     assert found.estimator == "trajectory"
@@ -300,7 +301,7 @@ def test_columns_of_bodies_are_the_same_in_parts(
 
 def test_short_logs_are_fitted_together(made: tuple[Robot, Recording, str], tmp_path: Path) -> None:
     robot, _, log = made
-    logs = (log, plant.written(tmp_path, "other.h5", plant.moved(4, 8.0)))
+    logs = (log, plant.written(tmp_path, "other.h5", plant.moved(4, 6.0)))
     told = identify_logs(LogRequest(logs, robot))
     asked = identify_logs(LogRequest(logs, robot), EstimateOptions(fit="trajectory")).found
     assert told.found.estimator == "trajectory"

@@ -54,7 +54,7 @@ def test_under_smooth_commands_half_a_period_is_no_more_than_the_delay(late: flo
 
 
 def test_commands_that_are_stamped_ahead_are_no_simulator_s_steps(tmp_path: Path) -> None:
-    recording = plant.moved(4, 8.0)
+    recording = plant.moved(4, 6.0)
     log = plant.written(tmp_path, "log.h5", recording)
     robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
     commands = {

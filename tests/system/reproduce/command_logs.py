@@ -56,7 +56,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
 
 def diagnosed(folder: Path, robot: Robot, seed: int, delay: float, effect: dict[str, Any]) -> MotionDiagnosis:
     does = {name: value for name, value in effect.items() if name not in ("gain", "later")}
-    recording = plant.moved(seed, 16.0, delay=delay + effect.get("later", 0.0), **does)
+    recording = plant.moved(seed, 16.0, sweep=0.15, delay=delay + effect.get("later", 0.0), **does)
     for name in ("kp", "kd"):
         recording.commands[name][:] *= effect.get("gain", 1.0)  # type: ignore[index]
     log = plant.written(folder, "log.h5", recording)
@@ -89,7 +89,7 @@ def by_torque(folder: Path, robot: Robot, first: int, logs: int) -> None:
     inertia = plant.INERTIA + plant.MASS * plant.REACH**2 + plant.ARMATURE
     scores = []
     for seed in range(first, first + logs):
-        log = plant.written(folder, "log.h5", plant.moved(seed, 12.0))
+        log = plant.written(folder, "log.h5", plant.moved(seed, 12.0, sweep=0.15))
         found = identify(robot, prepare(read_recording([log], robot), robot), EstimateOptions(fit="torque"))
         told = {item.name: (item.estimate, item.std_error) for item in found.parameters}
         for k in range(3):

@@ -28,9 +28,10 @@ import numpy as np
 
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.identification import commanded_runs, fit_of, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs, fit_of
 from elid_cli.logs.reading import read_recording
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.signals.recording import Recording

@@ -51,7 +51,7 @@ def go2(folder: Path) -> tuple[Robot, list[Recording]]:
 def simulated(folder: Path) -> tuple[Robot, list[Recording]]:
     """Return the plant's robot and five runs of it."""
     robot = plant.robot(folder)
-    files = [plant.written(folder, f"run{k}.h5", plant.moved(40 + k, 16.0)) for k in range(FITTED + UNSEEN)]
+    files = [plant.written(folder, f"run{k}.h5", plant.moved(40 + k, 16.0, sweep=0.15)) for k in range(FITTED + UNSEEN)]
     return robot, [read_recording([name], robot) for name in files]
 
 
