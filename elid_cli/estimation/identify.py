@@ -21,6 +21,7 @@ from elid_cli.estimation.fit_in_pose import fit_in_pose
 from elid_cli.estimation.identified import Identified
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.known_load import with_load
+from elid_cli.estimation.loops_of_torque import with_loop_words
 from elid_cli.estimation.motor_side.door import asked_motor_side, asks, fitted_below, with_motor_side
 from elid_cli.estimation.reading import read_signals
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
@@ -115,7 +116,8 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
 
         return identify_paper(robot, signals, options)
     signals = as_told(robot, signals)
-    return noted(_identify(robot, signals, options), signals.recording)
+    found = noted(_identify(robot, signals, options), signals.recording)
+    return found if found.estimator == "trajectory" else with_loop_words(found, signals.recording)
 
 
 def _identify(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:

@@ -69,7 +69,9 @@ def identified_robot(found: Identification) -> Robot:
 def _is_shown(nuisance: Nuisance) -> bool:
     """Whether a nuisance differs from 0: where one channel is late, delays of all are estimated, whatever they are."""
     errors = nuisance.std_error
-    return any(abs(value) > SHOWN * errors.get(name, 0.0) for name, value in nuisance.parameters.items())
+    return nuisance.kept or any(
+        abs(value) > SHOWN * errors.get(name, 0.0) for name, value in nuisance.parameters.items()
+    )
 
 
 def _together(declared: EffectSpec, beyond: EffectSpec | None) -> EffectSpec:

@@ -74,6 +74,8 @@ class Nuisance:
     joint: str
     parameters: Mapping[str, float]
     std_error: Mapping[str, float]
+    kept: bool = False
+    """Whether other values rest on it, whatever its error: it is written to robots."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, check_signals, prepare
+from elid_cli.signals.stepping_commands import commands_step
 
-STAIRS = 0.4
+STAIRS = 0.1
 """Part of the torques' error that the stairs of held commands are beyond a delay, from which the motion is asked."""
 AHEAD = 0.25
 """Part of a sample by which the torque must seem ahead of held commands where no motion can be simulated: half of one
@@ -33,9 +34,6 @@ of their own time."""
 ALIKE = 0.02
 """Logarithm of the error's size, per joint, by which smooth commands may be nearer where held ones need no delay and
 smooth ones half a sample."""
-KEPT, DIGITS = 0.8, 3.0
-"""Part of the changes of commands after which these keep their values, and times the least change that the usual one
-is, from which commands step and are not smooth."""
 WORSE = 1.2
 """Times by which torques may be predicted worse, which noise of the positions is in."""
 SMOOTH = "smooth"
@@ -65,9 +63,11 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
     held = replace(signals, recording=replace(recording, smooth=False))
     smooth = as_smooth(signals)
     try:
-        return smooth if _is_smooth(robot, held, smooth) else held
+        found = _is_smooth(robot, held, smooth)
     except DataError:  # nothing can be fitted, which whoever asks will say
         return held
+    assert held.recording is not None
+    return smooth if found else replace(held, recording=replace(held.recording, doubted=found is None))
 
 
 def recorded_as_told(
@@ -119,8 +119,10 @@ def noted(found: Identification, recording: Recording | None) -> Identification:
     return replace(found, notes=(*found.notes, NOTE) if new else found.notes, settings=settings)
 
 
-def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
-    if _steps(held.recording):
+def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool | None:
+    """Return whether commands are smooth; None where the log does not say."""
+    assert held.recording is not None
+    if commands_step(held.recording):
         return False
     before = _least_squares(robot, held)
     late = _delay(before)
@@ -129,7 +131,7 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
     driving = late < 0.5 * held.dt and any(name.kind == "fv" and value < 0 for name, value in named)
     doubted = late < -EARLIEST * held.dt or driving or _stairs(held, before) > STAIRS
     if not doubted:
-        return False
+        return None
     nearer = nearer_by_motion(robot, held, smooth)
     if nearer is not None and nearer.bound and nearer.by >= 0:
         looped = nearer_by_motion(robot, held, smooth, loops=True)
@@ -137,28 +139,13 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool:
             return False
     if nearer is not None:
         if nearer.at_noise and nearer.by < ALIKE * robot.n and _half_late(nearer.delays, held.dt):
-            return False
+            return None
         if nearer.by or not nearer.at_noise:
-            return nearer.by > 0
+            return nearer.by > 0 if nearer.by else None
         # noise alone is left of both: a drive that is ahead of its commands is none
-        return nearer.delays[0] < -EARLIEST * held.dt and nearer.delays[1] > -EARLIEST * held.dt
+        return (nearer.delays[0] < -EARLIEST * held.dt and nearer.delays[1] > -EARLIEST * held.dt) or None
     after = _least_squares(robot, smooth)
-    return ahead and _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)
-
-
-def _steps(recording: Recording | None) -> bool:
-    """Whether commands step, as those of a policy: after most of their changes they keep their values.
-
-    Slow smooth ones of few digits do so as well; they change by one digit.
-    """
-    assert recording is not None
-    told = recording.commands["q_des"]
-    steps = [np.diff(told[segment.start : segment.stop], axis=0) for segment in recording.segments]
-    now, after = (np.concatenate([part[own] for part in steps]) for own in (slice(None, -1), slice(1, None)))
-    sizes = np.abs(now[now != 0])
-    if not len(sizes) or np.median(sizes) < DIGITS * sizes.min():
-        return False
-    return float(np.mean(after[now != 0] == 0)) > KEPT
+    return (ahead and _delay(after) > -EARLIEST * held.dt and _error(after) <= WORSE * _error(before)) or None
 
 
 def _half_late(delays: tuple[float, float], dt: float) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Literal
 
 import numpy as np
@@ -12,6 +13,9 @@ from elid_cli._types import Array
 Stepped = Literal["explicit", "implicit"]
 """Semi-implicit Euler steps, as simulators take them: positions go on with the new velocity, and the drives' torque is
 that of a step's start, their damping that of its end where it is implicit; that of the joints always is."""
+
+FINEST = 20
+"""Largest number of samples in which whole periods of a loop are looked for."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +34,24 @@ class Drives:
     smoothing: Array | None = None
     """Time constants of the filters of velocity, s, (S, n): x' in ``kd x'`` passes a first-order one; None: 0."""
     held: Array | None = None
-    """How often in a sample drives compute their torque, the first time at its instant, and hold it until the next
-    time, (S, n); 0 of those that act all the time. None: 0."""
+    """How often in a sample drives compute their torque, which they hold until the next time, (S, n): less than once
+    where their period is longer; 0 of those that act all the time. None: 0."""
     lag: Array | None = None
     """By how much later than it is computed such a torque begins to act, s, (S, n), within that time; of simulators
     whose steps make it seem so, earlier. None: 0."""
     stepped: Stepped | None = None
     """How the log's simulator steps, where it is one that does so as long as these steps; None: motion is smooth."""
+    since: Array | None = None
+    """How long before the first sample drives that hold their torque computed it, in samples, (S, n). None: 0."""
+
+
+def parts_of_loops(often: Array) -> Array:
+    """Return into how many parts of a sample all instants fall at which loops compute their torque; 1 where none do.
+
+    `often` is how often in a sample they do, of any shape: of 2.5 times, every fifth of a sample may be one.
+    """
+    parts = [Fraction(each).limit_denominator(FINEST).numerator for each in np.ravel(often).tolist()]
+    return np.maximum(np.reshape(np.array(parts, dtype=float), np.shape(often)), 1.0)
 
 
 def filter_weights(smoothing: Array, h: float) -> tuple[Array, Array, Array, Array]:

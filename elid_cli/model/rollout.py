@@ -153,12 +153,23 @@ def _on(drives: Drives, owner: NDArray[np.intp], finer: int) -> Drives:
     """Return what acts on the coordinates of chains; nothing on links behind a spring."""
     held = owner >= 0
     none = np.zeros_like(drives.kp)
-    parts = (none if part is None else part for part in (drives.ki, drives.smoothing, drives.held, drives.lag))
-    told, kp, kd, ki, smoothing, holding, lag = (
+    parts = (
+        none if part is None else part for part in (drives.ki, drives.smoothing, drives.held, drives.lag, drives.since)
+    )
+    told, kp, kd, ki, smoothing, holding, lag, since = (
         np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, *parts)
     )
     return Drives(
-        told, kp, kd, np.where(held, drives.limit[owner], np.inf), ki, smoothing, holding / finer, lag, drives.stepped
+        told,
+        kp,
+        kd,
+        np.where(held, drives.limit[owner], np.inf),
+        ki,
+        smoothing,
+        holding / finer,
+        lag,
+        drives.stepped,
+        since * finer,
     )
 
 

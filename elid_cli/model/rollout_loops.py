@@ -31,7 +31,7 @@ def compiled_steps() -> Callable[..., None] | None:
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls
     mass: Array, force: Array, slope: Array, swerve: Array, place: Array, speed: Array,
-    told: Array, kp: Array, kd: Array, ki: Array, holds: Array, lag: Array,
+    told: Array, kp: Array, kd: Array, ki: Array, holds: Array, lag: Array, since: Array,
     half_way: Array, ramp: Array, whole: Array, rise: Array, x0: Array, v0: Array,
     inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array,
     width: Array, lead: Array, push: Array, grip: Array, dt: float, later: float, damped: float, xs: Array, vs: Array,
@@ -119,8 +119,8 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             if holds[s, c, i] > 0.0:
                                 given = 0.0
                                 period = max(round(each / holds[s, c, i]), 1)
-                                phase = now % period
-                                if phase == 0:
+                                phase = (now + round(since[s, c, i] * each)) % period
+                                if phase == 0 or now == 0:
                                     older[i] = sampled[i]
                                     sampled[i] = told[now, s, c, i] - kp[s, c, i] * x[i] - kd[s, c, i] * seen[i]
                                     sampled[i] -= ki[s, c, i] * summed[i]

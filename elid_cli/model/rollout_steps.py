@@ -28,10 +28,12 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
     flat += [np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints)]
     ki = np.zeros_like(drives.kp) if drives.ki is None else drives.ki
     weights = _weights(drives, dt / (len(drives.told) // max(len(part.force) - 1, 1)))
-    holds, lag = (np.zeros_like(drives.kp) if part is None else part for part in (drives.held, drives.lag))
+    holds, lag, since = (
+        np.zeros_like(drives.kp) if part is None else part for part in (drives.held, drives.lag, drives.since)
+    )
     arrays = (
         part.mass, part.force, part.slope, part.swerve, part.place, part.speed,
-        drives.told, drives.kp, drives.kd, ki, holds, lag, *weights, *start,
+        drives.told, drives.kp, drives.kd, ki, holds, lag, since, *weights, *start,
     )  # fmt: skip
     # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
     ready = (np.require(values, requirements=("C", "W")) for values in (*arrays, *flat))
@@ -78,6 +80,7 @@ def advance_arrays(
     often = np.where(holds, 1.0 if drives.held is None else drives.held, 1.0)  # in a part of a sample, or less
     periods = np.maximum(np.round(steps / often), 1)
     lag = np.zeros(drives.kp.shape) if drives.lag is None else drives.lag / h
+    since = np.zeros(drives.kp.shape) if drives.since is None else np.round(drives.since * steps)
     older = sampled = np.zeros(shape)
     push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
@@ -114,10 +117,10 @@ def advance_arrays(
             given = smooth * acting * (ramp * drives.kd + 0.25 * h * drives.kp) * gained
             if holds.any():
                 at = k * steps + j
-                phase = at % periods
+                phase = (at + since) % periods
                 computed = drives.told[at] - drives.kp * x - drives.kd * seen - ki * summed
                 older = computed if at == 0 else np.where(phase == 0, sampled, older)
-                sampled = np.where(phase == 0, computed, sampled)
+                sampled = computed if at == 0 else np.where(phase == 0, computed, sampled)
                 behind = np.clip(lag - phase, 0.0, 1.0)
                 now = behind * older + (1.0 - behind) * sampled
                 coming = drives.told[min(at + 1, len(drives.told) - 1)]

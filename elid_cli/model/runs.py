@@ -13,7 +13,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.model.coordinates import Coordinates, chains_of
-from elid_cli.model.drives import Drives, Stepped
+from elid_cli.model.drives import Drives, Stepped, parts_of_loops
 from elid_cli.model.rollout import STEP
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import integrals
@@ -59,6 +59,8 @@ class Run:
 
     smooth: bool | None = None
     """Whether commands change smoothly from sample to sample: the drives were told more than the log holds."""
+    begun: float = 0.0
+    """Samples from the start of the recording to that of the stretch."""
     quick: int = 1
     """How often in a sample the equations of motion must be taken, at least: `quickness` of its motion."""
 
@@ -79,8 +81,8 @@ class Run:
         steps = finer * len(self.drives.told) // (len(self.t) - 1)
         way, samples, lag = _way(commanded, self.smooth), (late + self.extra) / self.dt, None
         if self.drives.held is not None:  # a loop is told commands at its samples, the rest passes before it acts
-            often = np.maximum(self.drives.held, 1.0)
-            whole = np.where(self.drives.held > 0, np.round(samples * often) / often, samples)
+            parts = parts_of_loops(self.drives.held)
+            whole = np.where(self.drives.held > 0, np.round(samples * parts) / parts, samples)
             samples, lag = whole, self.dt * (samples - whole)
         at = 0.5 if self.drives.held is None else np.where(self.drives.held > 0, 0.0, 0.5)
         acting = _between(self.told, steps, samples, way, at)
@@ -102,11 +104,12 @@ class Run:
 
         Those of (n,) that are 0 act all the time. All act later than logged by `late`, s.
         """
-        counts = [round(each) for each in np.unique(often).tolist() if each]
-        steps, every = len(self.drives.told) // (len(self.t) - 1), math.lcm(*counts)
-        again = self if self.drives.stepped else self._in_steps(every * math.ceil(steps / every))
         held = np.asarray(often, dtype=float)
-        return replace(again, drives=replace(again.drives, held=held)).delayed(np.zeros(len(held)) + late)
+        steps, every = len(self.drives.told) // (len(self.t) - 1), math.lcm(*map(int, parts_of_loops(held).tolist()))
+        again = self if self.drives.stepped else self._in_steps(every * math.ceil(steps / every))
+        since = np.where(held > 0, self.begun % (1.0 / np.where(held > 0, held, 1.0)), 0.0)
+        drives = replace(again.drives, held=held, since=since)
+        return replace(again, drives=drives).delayed(np.zeros(len(held)) + late)
 
     def stepping(self, how: Stepped, step: float, late: Array | float = 0.0) -> Run:
         """Return the run of a simulator that steps by `step`, s, a whole part of a sample, with drives `late` s."""
@@ -144,9 +147,10 @@ class Run:
         times = [run.drives.smoothing for run in runs if run.drives.smoothing is not None]
         holds = [run.drives.held for run in runs if run.drives.held is not None]
         lags = [run.drives.lag for run in runs if run.drives.lag is not None]
+        since = [run.drives.since for run in runs if run.drives.since is not None]
         drives = Drives(
             told, kp, kd, first.limit, ki, np.stack(times) if times else None, np.stack(holds) if holds else None,
-            np.stack(lags) if lags else None, first.stepped,
+            np.stack(lags) if lags else None, first.stepped, np.stack(since) if since else None,
         )  # fmt: skip
         start = (np.stack([run.start[0] for run in runs]), np.stack([run.start[1] for run in runs]))
         near = np.stack([run.near for run in runs], axis=1)
@@ -185,6 +189,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     coupled = np.bincount(chain, minlength=len(chain))[chain] > 1  # what moves alone has one inertia everywhere
     quick = quickness([both[own.start : own.stop, coupled] for own in recording.segments], recording.dt)
     steps, way = quick * math.ceil(recording.dt / STEP / quick), _way(commanded, recording.smooth)
+    begun = (recording.t - _first_times(recording)) / recording.dt
     piece = None if horizon is None else max(round(horizon / recording.dt), SHORTEST)
     runs = []
     for segment in recording.segments:
@@ -209,7 +214,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             drives = Drives(acting, kp[a], kd[a], limit)
             runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen,
                             aim=None if aims is None or before is None else aims[part] - before[a],
-                            smooth=recording.smooth, quick=quick))  # fmt: skip
+                            smooth=recording.smooth, begun=float(begun[a]), quick=quick))  # fmt: skip
     return runs
 
 
@@ -296,6 +301,16 @@ def _way(commanded: bool, smooth: bool | None) -> Literal["held", "smooth", "lin
     if not commanded:
         return "line"
     return "smooth" if smooth else "held"
+
+
+def _first_times(recording: Recording) -> Array:
+    """Return when the recording that each sample is of begins, s, (N,)."""
+    found: Array = np.full(len(recording.t), recording.t[0])
+    known: dict[int, float] = {}
+    for segment in recording.segments:
+        own = slice(segment.start, segment.stop)
+        found[own] = known.setdefault(segment.source, float(recording.t[segment.start]))
+    return found
 
 
 def _between(

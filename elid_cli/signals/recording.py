@@ -82,6 +82,8 @@ class Recording(Shown):
     smooth: bool | None = None
     """Whether commands change smoothly from sample to sample, as where drives are told more often than is logged, or
     are held; None: nobody said, and they count as held."""
+    doubted: bool = False
+    """Whether they may as well be the other of the two: neither the log nor anybody says."""
     segments: tuple[Segment, ...] = ()
     files: tuple[str, ...] = ()
     sha256: tuple[str, ...] = ()

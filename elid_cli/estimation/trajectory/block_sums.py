@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.loss import Weighed
@@ -16,6 +17,8 @@ BLOCKS = 6
 """Blocks of a recording, each of which is left out in turn for the standard errors (METHODS of leaving out blocks)."""
 DAMPING = 1e-6
 """Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
+COURSE = 8
+"""Parts of a block over which two fits are compared."""
 SHORT = 16
 """Parts of a block whose sums tell whether the error has a memory."""
 
@@ -44,6 +47,8 @@ class Equations:
     """… and of its second derivative, (B, n)."""
     sizes: Array
     """Sum of the error's size, rad (m), (B, n)."""
+    course: Array
+    """`lighter` of every part of every block, (B·COURSE, n)."""
     counts: Array
     """Samples of every block, (B,)."""
     spans: tuple[tuple[int, float, float], ...]
@@ -107,12 +112,15 @@ def summed(
     sums = (part.reshape(BLOCKS, -1, *part.shape[1:]).sum(axis=1) for part in (matrices, loads))
     short = slice(None) if whole else slice(0)
 
-    def by_block(values: Array) -> Array:
-        found: Array = np.add.reduceat(values, edges[:-1], axis=0)
+    def by_block(values: Array, starts: NDArray[np.intp] = edges) -> Array:
+        found: Array = np.add.reduceat(values, starts[:-1], axis=0)
         return found
+
+    course = np.linspace(0, len(seen.error), BLOCKS * COURSE + 1).astype(int)
 
     return Equations(
         next(sums), straight, next(sums), matrices[short], loads[short], by_block(seen.error**2), by_block(seen.loss),
-        by_block((seen.error * seen.light**2) ** 2), by_block(seen.bend), by_block(np.abs(seen.error)), np.diff(edges),
+        by_block((seen.error * seen.light**2) ** 2), by_block(seen.bend), by_block(np.abs(seen.error)),
+        by_block(seen.loss, course), np.diff(edges),
         tuple((run.source, float(run.t[a]), float(run.t[b - 1])) for a, b in pairwise(edges)),
     )  # fmt: skip

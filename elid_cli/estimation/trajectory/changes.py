@@ -184,6 +184,17 @@ def nearer_by(one: TrajectoryFit, other: TrajectoryFit) -> float:
     return float(np.log(other.equations.size / one.equations.size).sum())
 
 
+def nearer_throughout(one: TrajectoryFit, other: TrajectoryFit) -> float:
+    """Return by how many of its standard errors one fit is nearer than another over the course of the log.
+
+    The mean over short parts of what its squared error is less by beside its scatter (Vuong, Econometrica, 1989): an
+    error with a memory has far fewer samples than the log, and the parts tell how many.
+    """
+    sizes = np.maximum(other.equations.size, 1e-12) ** 2
+    less = ((other.equations.course - one.equations.course) / sizes).sum(axis=1)
+    return float(less.mean() / max(less.std() / np.sqrt(max(len(less) - 1, 1)), 1e-300))
+
+
 def changed(before: TrajectoryFit, by: Change, start: Array | None = None) -> Changed | None:
     """Return the change that the motion asks for beside all that a fit finds; None where it asks for none.
 

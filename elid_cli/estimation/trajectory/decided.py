@@ -16,6 +16,7 @@ from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.softening import Refit, columns_of, softened
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns, started
 from elid_cli.model.coordinates import coordinates_of
+from elid_cli.model.drives import parts_of_loops
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run
@@ -118,10 +119,10 @@ def _of_whole_periods(fit: TrajectoryFit, columns: list[Array]) -> tuple[Traject
 
     What is left of a delay after whole periods passes before the held torque acts: a descent does not leave its period.
     """
-    often = [float(item.run.drives.held.max()) for item in fit.tracked if item.run.drives.held is not None]
-    if not often or not max(often):
+    parts = [parts_of_loops(item.run.drives.held).max() for item in fit.tracked if item.run.drives.held is not None]
+    if not parts:
         return fit, columns
-    period = fit.tracked[0].run.dt / max(often)
+    period = fit.tracked[0].run.dt / max(parts)
     place = fit.delays / period
     best = fit, columns
     for whole in (np.floor(place), np.ceil(place)):

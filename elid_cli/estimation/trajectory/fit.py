@@ -86,10 +86,13 @@ class TrajectoryFit:
     """Whether a simulator's steps with implicit damping of the drives explain the motion as well as explicit ones."""
     ahead: float = 0.0
     """By how much drives act before they are told without a simulator's steps that show, s: the errors count it."""
+    smoother: float = 0.0
+    """By how much longer the delay is with commands that change smoothly from sample to sample, s, which explain the
+    motion as well: the errors count it."""
     unseen: float | None = None
     """Longest period, s, of loops that hold their torque which the motion tells from ones that act all the time no
     better than chance would; None: not looked at."""
-    loops: tuple[int, ...] = ()
+    loops: tuple[float, ...] = ()
     """How often per sample loops that hold their torque may run as well: the errors count it."""
     shifts: tuple[Array, ...] = ()
     """By how much drive parameters are other than here for one of these reasons, (n * 4,) each."""

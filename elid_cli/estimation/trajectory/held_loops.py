@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +17,27 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.result import Nuisance
-from elid_cli.estimation.trajectory.changes import CLEARLY, SURE, nearer_by
+from elid_cli.estimation.trajectory.changes import CLEARLY, SURE, nearer_by, nearer_throughout
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.timing_doubts import counting
+from elid_cli.estimation.trajectory.timing_doubts import counting, step_of
 from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.estimation.trajectory.unseen_loops import LITTLE, SHORTEST, by_delay, by_motion
+from elid_cli.model.drives import parts_of_loops
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
+from elid_cli.signals.stepping_commands import commands_step
 
 NEAR = 2.0
-"""Times the encoders' noise, at any joint, up to which loops are asked for: where more is left, something else is
-missing."""
+"""Times the encoders' noise, at any joint, up to which nothing else is missing."""
+FARTHEST, PART = 40.0, 0.3
+"""Times the noise up to which loops are asked for that take away much: this of the logarithm of the error's size, per
+joint."""
 FAR = 10.0
 """The same where a joint's viscous friction is held at 0, which is a sign of them: without its friction a fit cannot
 come nearer."""
@@ -46,7 +51,21 @@ told its commands at these."""
 ALWAYS = 0
 """Said of loops that act all the time."""
 OFTEN = 2, 4, 5, 8, 10
-"""How often in a sample loops may run, beside once."""
+"""How often in a sample loops may run, beside once …"""
+PERIODS = 2e-3, 2.5e-3, 4e-3, 5e-3, 8e-3, 1e-2
+"""… and their usual periods, s, which need be no part of a sample."""
+MOST, EXACTLY = 20, 2e-3
+"""Most parts of a sample at which loops may run, and part by which their periods may be off these."""
+SLIGHT = 5e-4
+"""s by which a delay may be off whole periods in any case: half a step of many simulators."""
+ELSEWHERE = 1.0
+"""Sum over the joints of the logarithm by which loops are farther that take commands at another time."""
+PROBED = 2.5e-3, 5e-3
+"""Periods, s, of which the first loops that are tried have at least one: of fast logs a sample is too short."""
+PERHAPS = 2.0
+"""Standard errors, over the course of the log, from which errors count a fit that is nearer and not clearly so …"""
+THROUGHOUT = 4.0
+"""… and from which it is clearly so, where the errors have a memory."""
 FIRMLY = 5.0
 """Times what counts as clear by which loops that act all the time must be nearer for the others to be ruled out."""
 BENT = 0.3
@@ -101,16 +120,22 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     above = fit.above_noise(signals)
     declared = declared_loops(fit.unknowns.robot).any() or any(item.run.drives.held is not None for item in fit.tracked)
     bound = bool(at_bound(fit).any())
-    if recording is None or declared or (above > (FAR if bound else NEAR)).any():
+    if recording is None or declared or (above > FARTHEST).any():
         return fit
-    if recording.smooth:
-        return replace(fit, unseen=by_delay(free, recording.dt))
+    # where something else is missing loops must take away much
+    much = PART * fit.unknowns.robot.n if (above > (FAR if bound else NEAR)).any() else 0.0
+    if recording.smooth:  # what passes between samples is not logged well enough
+        return replace(fit, unseen=by_delay(free, recording))
+    step = commands_step(recording)
     if not bound and not matters(fit, recording).any():
         return fit
-    tried = _every(free, recording.dt) if bound else _foreseen(free, recording.dt)
+    tried = _every(free, recording.dt) if bound else _foreseen(free, recording.dt, much, step=step)
+    longest = by_motion(free, _near(free, tried), recording.dt) if step else by_delay(free, recording)
     if not tried:
-        return replace(fit, unseen=by_motion(free, tried, recording.dt))
-    once, near = tried.get(1), max(nearer_by(one, free) for one in tried.values())
+        return replace(fit, unseen=longest)
+    if much and max(nearer_by(one, free) for one in tried.values()) < much:
+        return fit
+    once, near = tried.get(1.0), max(nearer_by(one, free) for one in tried.values())
     # of those that are as near the one that runs least often: at the log's rate, if it may be
     alike = {often: one for often, one in tried.items() if nearer_by(one, free) > near - LITTLE}
     often, best = min(alike.items(), key=lambda item: item[0])
@@ -122,10 +147,17 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
         return _counting_others(best, alike, often)
     by = -np.inf if once is None else nearer_by(once, free)
     at_once = bool(best is once and by < -FIRMLY * least_of(fit) and (above <= AT_NOISE).all())
-    return replace(fit, at_once=at_once, unseen=by_motion(free, tried, recording.dt))
+    fit = replace(fit, at_once=at_once, unseen=longest)
+    return counting_other(fit, best) if nearer_by(best, fit) > 0 and nearer_throughout(best, fit) > PERHAPS else fit
 
 
-def _counting_others(best: TrajectoryFit, alike: dict[int, TrajectoryFit], often: int) -> TrajectoryFit:
+def counting_other(fit: TrajectoryFit, other: TrajectoryFit) -> TrajectoryFit:
+    """Return a fit whose errors count what another one, of drives that act otherwise, has for its drive parameters."""
+    drives = fit.unknowns.drives
+    return counting(fit, [other.z[:drives] - fit.z[:drives]])
+
+
+def _counting_others(best: TrajectoryFit, alike: dict[float, TrajectoryFit], often: float) -> TrajectoryFit:
     """Return a fit whose errors count the farthest of those that are as near, by how often their loops run."""
     drives, others = best.unknowns.drives, tuple(sorted(alike.keys() - {often}))
     moved = [one.z[:drives] - best.z[:drives] for one in alike.values()]
@@ -139,46 +171,98 @@ def nearest_loops(fit: TrajectoryFit) -> TrajectoryFit:
     return max([fit, *_every(fit, fit.tracked[0].run.dt).values()], key=lambda one: nearer_by(one, fit))
 
 
-def _allowed(dt: float) -> list[int]:
-    """Return how often in a sample loops may run, beside once."""
-    return [often for often in OFTEN if dt / often >= SHORTEST]
+def allowed_loops(dt: float) -> list[float]:
+    """Return how often in a sample loops may run, the most often first."""
+    parts = {1.0, *(float(often) for often in OFTEN if dt / often >= SHORTEST)}
+    for period in PERIODS:
+        often = Fraction(dt / period).limit_denominator(MOST)
+        if often and abs(often * period / dt - 1) < EXACTLY and often.numerator <= MOST:
+            parts.add(float(often))
+    return sorted(parts, reverse=True)
 
 
-def _fits(fit: TrajectoryFit, dt: float, every: Sequence[int]) -> dict[int, TrajectoryFit]:
+def _fits(fit: TrajectoryFit, dt: float, every: Sequence[float]) -> dict[float, TrajectoryFit]:
     found = {often: of_loops(fit, often, dt) for often in every}
     return {often: one for often, one in found.items() if one is not None}
 
 
-def _every(fit: TrajectoryFit, dt: float) -> dict[int, TrajectoryFit]:
+def _every(fit: TrajectoryFit, dt: float) -> dict[float, TrajectoryFit]:
     """Return the fits under loops that run as often per sample as may be, by how often."""
-    return _fits(fit, dt, (1, *_allowed(dt)))
+    return _fits(fit, dt, [often for often in allowed_loops(dt) if often >= 1])
 
 
-def _foreseen(fit: TrajectoryFit, dt: float) -> dict[int, TrajectoryFit]:
-    """Return the fits under loops that run once per sample, twice, and as often as these foresee.
+def _foreseen(fit: TrajectoryFit, dt: float, much: float, *, step: bool) -> dict[float, TrajectoryFit]:
+    """Return the fits under loops of two periods, and of the one that these foresee.
 
-    Of the allowed numbers that is the one nearest to the bottom of the parabola through the squared errors of ones
-    that run always, twice, and once.
+    Of the allowed ones that is the nearest to the bottom of the parabola through the squared errors over the squared
+    period: of loops that run always, and of both. Where commands `step`, loops are of periods that have their delay;
+    of ones that change all the time the log holds what loops were told at samples alone.
     """
-    allowed = _allowed(dt)
-    found = _fits(fit, dt, (1, *allowed[:1]))
-    often = _bottom(fit, found, allowed)
-    return found if often in (0, *found) else found | _fits(fit, dt, (often,))
+    allowed = [often for often in allowed_loops(dt)
+               if (can_delay(fit, dt / often) if step else often == round(often))]  # fmt: skip
+    found: dict[float, TrajectoryFit] = {}
+    for often in _probes(allowed, dt):
+        found |= {} if len(_near(fit, found)) > 1 else _fits(fit, dt, (often,))
+    if much and max((nearer_by(one, fit) for one in found.values()), default=0.0) < 0.5 * much:
+        return found
+    often = _bottom(fit, _near(fit, found), allowed)
+    found |= {} if often in (0, *found) else _fits(fit, dt, (often,))
+    while (best := max(found, key=lambda each: nearer_by(found[each], fit), default=0.0)) and nearer_by(
+        found[best], fit
+    ) > 0:
+        known = len(found)
+        for way in (-1, 1):  # the parabola is one near its bottom alone
+            found |= _beside(fit, found, allowed, allowed.index(best), way, dt)
+        if len(found) == known:
+            break
+    return found
 
 
-def _bottom(fit: TrajectoryFit, found: dict[int, TrajectoryFit], allowed: Sequence[int]) -> int:
-    """Return how often in a sample loops run by the squared errors of ones that run always, twice and once; 0: none."""
-    once, twice = found.get(1), found.get(2)
-    if twice is None or once is None:
-        return allowed[-1] if allowed and once is None else 0
-    start, middle, end = (float(np.sum((one.equations.size / fit.equations.size) ** 2)) for one in (fit, twice, once))
-    bend = (end - start) - 4.0 * (middle - start)  # 3/4 of the parabola's second coefficient
-    slope = 4.0 * (middle - start) - bend / 3.0
-    if slope >= 0 or bend <= 0:
-        return 0
-    bottom = -slope / (2.0 * bend * 4.0 / 3.0)
-    parts = {0: 0.0} | {often: 1.0 / often**2 for often in (1, *allowed)}
-    return min(parts, key=lambda often: abs(parts[often] - bottom))
+def _beside(
+    fit: TrajectoryFit, found: dict[float, TrajectoryFit], allowed: Sequence[float], place: int, way: int, dt: float
+) -> dict[float, TrajectoryFit]:
+    """Return the fit of the next period on one side, and of the next but one where commands come at another time."""
+    more: dict[float, TrajectoryFit] = {}
+    for often in allowed[max(place - 2, 0) : place][::-1] if way < 0 else allowed[place + 1 : place + 3]:
+        more |= {} if often in found else _fits(fit, dt, (often,))
+        if _near(fit, {k: one for k, one in (found | more).items() if k == often}):
+            break
+    return more
+
+
+def can_delay(fit: TrajectoryFit, period: float) -> bool:
+    """Whether loops of a period, s, make commands that step as late as the motion has them: by whole periods."""
+    apart = np.abs(fit.delays - np.round(fit.delays / period) * period)
+    return bool((apart <= max(WHOLE * period, SLIGHT)).all())
+
+
+def _near(fit: TrajectoryFit, found: dict[float, TrajectoryFit]) -> dict[float, TrajectoryFit]:
+    """Return the fits that the squared error's parabola may go through: commands come at another time in the others."""
+    return {often: one for often, one in found.items() if nearer_by(one, fit) > -ELSEWHERE}
+
+
+def _probes(allowed: Sequence[float], dt: float) -> list[float]:
+    """Return how often loops run that are tried until two are told: of usual periods, once and twice in a sample."""
+    near = sorted({min(allowed, key=lambda often: abs(dt / often - period)) for period in PROBED if allowed})
+    then = (1.0, 2.0, *sorted(allowed, key=lambda often: abs(dt / often - PROBED[0])))
+    return list(dict.fromkeys([*near, *(often for often in then if often in allowed)]))
+
+
+def _bottom(fit: TrajectoryFit, found: dict[float, TrajectoryFit], allowed: Sequence[float]) -> float:
+    """Return how often in a sample loops run by the squared errors of ones that run always and of two; 0: none."""
+    if len(found) < 2:
+        return allowed[0] if allowed and not found else 0.0
+    (long, late), (short, soon) = sorted(found.items())[:2]
+    start, middle, end = (float(np.sum((one.equations.size / fit.equations.size) ** 2)) for one in (fit, soon, late))
+    x, y = long**-2.0, short**-2.0
+    bend = ((end - start) / x - (middle - start) / y) / (x - y)
+    slope = (middle - start) / y - bend * y
+    if slope >= 0:
+        return 0.0
+    if bend <= 0:
+        return allowed[-1]
+    period = float(np.sqrt(-0.5 * slope / bend))
+    return min((0.0, *allowed), key=lambda often: abs((1.0 / often if often else 0.0) - period))
 
 
 def least_of(fit: TrajectoryFit) -> float:
@@ -188,16 +272,23 @@ def least_of(fit: TrajectoryFit) -> float:
 
 def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
     """Return whether a fit is clearly nearer to the motion than another one of as many unknowns."""
-    return nearer_by(one, other) > (CLEARLY if has_memory(one.equations) else least_of(other))
+    by = nearer_by(one, other)
+    if not has_memory(one.equations):
+        return by > least_of(other)
+    return by > CLEARLY or (by > LITTLE and nearer_throughout(one, other) > THROUGHOUT)
 
 
-def of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None:
+def of_loops(fit: TrajectoryFit, often: float, dt: float) -> TrajectoryFit | None:
     """Return the fit under drives that compute their torque so many times per sample, and hold it.
 
-    None where their delay is no whole number of periods, unless friction is held at 0, or the motion runs away.
+    None where a sample's loops would have a delay of no whole number of periods, unless friction is held at 0, where a
+    simulator's steps are no part of them, or the motion runs away.
     """
-    periods, bound = fit.delays * often / dt, bool(at_bound(fit).any())
-    if not bound and (np.abs(periods - np.round(periods)) > WHOLE).any():
+    parts = float(parts_of_loops(np.array(often)))
+    periods, bound = fit.delays * parts / dt, bool(at_bound(fit).any())
+    if not bound and parts == often and (np.abs(periods - np.round(periods)) > WHOLE).any():
+        return None
+    if any(item.run.drives.stepped and round(item.run.dt / step_of(item.run)) % parts for item in fit.tracked):
         return None
     drives = [item.run.drives for item in fit.tracked]
     times = often * np.any([own.kp > 0 for own in drives], axis=0).astype(float)
@@ -206,7 +297,7 @@ def of_loops(fit: TrajectoryFit, often: int, dt: float) -> TrajectoryFit | None:
         # what holding takes from them: without, as where a fit's friction is held at 0, the motion may run away
         z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] += 0.5 * dt / often * np.mean(gains, axis=0)
     if bound:  # the delay makes up for friction that the fit may not have
-        z[fit.unknowns.delays] = np.round(periods) * dt / often
+        z[fit.unknowns.delays] = np.round(periods) * dt / parts
     return refitted(fit, [item.run.holding(times) for item in fit.tracked], z)
 
 

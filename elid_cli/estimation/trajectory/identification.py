@@ -21,6 +21,7 @@ from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
 from elid_cli.estimation.trajectory.decided import fit_with_columns
 from elid_cli.estimation.trajectory.differing import as_last, differing
+from elid_cli.estimation.trajectory.doubted_commands import with_doubted_commands
 from elid_cli.estimation.trajectory.doubtful_joints import with_doubtful_joints
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
@@ -39,13 +40,16 @@ from elid_cli.estimation.trajectory.simulator_steps import (
     ahead_by_steps,
     as_timed,
     faults_of_time,
+    like_these,
     with_drives_in_time,
 )
 from elid_cli.estimation.trajectory.softening import columns_of, is_unsure
+from elid_cli.estimation.trajectory.timing_doubts import as_doubtful
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt
 from elid_cli.estimation.trajectory.words import (
     bodies_words,
+    command_words,
     difference_words,
     doubt_words,
     filter_words,
@@ -80,7 +84,7 @@ GAINS = {"q_des", "kp", "kd"}
 """What a log must hold for its commands to drive a robot."""
 NOISE = 1.5
 """Times the encoders' noise up to which simulated positions are off by that noise alone …"""
-LESS = 0.7
+LESS = 0.3
 """… below which they are too small for that noise …"""
 STILL = 0.01
 """… and below which the joint rests at one count of its encoder."""
@@ -160,6 +164,11 @@ def fit_of(
             fit, columns = apart.aware(), columns_of(apart.fit)
         fit = replace(with_doubts(fit, alone), apart=errors)
         timed = with_drives_in_time(fit, signals)
+        if timed.tracked is not fit.tracked and (timed.above_noise(signals) > NOISE).any():
+            # friction that fades in was looked for without the loops, or steps, that the drives have
+            anew = fit_with_columns(robot, like_these(runs, timed), timed.values, effects, amplitudes)[0]
+            timed = as_doubtful(anew, timed) if nearer_by(anew, timed) > CLEARLY else timed
+        timed = with_doubted_commands(timed, signals)
         columns = columns if timed.tracked is fit.tracked else columns_of(timed)
         fit = with_filters_in_doubt(timed, signals)
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
@@ -298,7 +307,7 @@ def identification_of(
         delays=np.zeros(robot.n),
         nuisances=(*channel_faults(robot, fit, moves[:, 3]), *faults_of_time(robot, fit)),
         effects=fitted_effects(robot, fit),
-        notes=(note, *apart, *doubt_words(robot, fit), *loops, *step_words(robot, fit)),
+        notes=(note, *apart, *doubt_words(robot, fit), *loops, *command_words(fit), *step_words(robot, fit)),
         settings={**settings_of(found, fit, moves), **known},
         warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit), *time_words(robot, fit), *warned),
         model="sufficient" if explained else "insufficient" if slow else model,
@@ -315,10 +324,12 @@ def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -
     late, unsure = fit.joint_delays.mean(axis=0).tolist(), np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2))
     scatter = float(np.std(fit.delays, ddof=1)) if len(fit.delays) > 1 else 0.0
     names = robot.joint_names
-    unsure_of = np.sqrt(unsure**2 + scatter**2 + np.broadcast_to(fit.apart, robot.n) ** 2).tolist()
+    alike = scatter**2 + np.broadcast_to(fit.apart, robot.n) ** 2 + fit.smoother**2
+    unsure_of, kept = np.sqrt(unsure**2 + alike).tolist(), bool(fit.smoother)
     late_ones = [one for one in zip(names, late, unsure_of, strict=True) if fit.delays.any() or one[1]]
     return (
         *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
           for k, name in enumerate(names) if shown[k]),
-        *(Nuisance(delay_name(), name, {"delay": delay}, {"delay": error}) for name, delay, error in late_ones),
+        *(Nuisance(delay_name(), name, {"delay": delay}, {"delay": error}, kept)
+          for name, delay, error in late_ones),
     )  # fmt: skip

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli.errors import DataError, LogError, RobotError
+from elid_cli.estimation.trajectory.changes import nearer_throughout
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.model.effects.of_drives import as_acting
@@ -20,7 +21,9 @@ LEAST = 0.01
 """… and of the error's size, summed over joints, by which it must be at least …"""
 REMEMBERED = 0.2
 """… or per joint, where the errors have a memory: what the model lacks is nearer with one of the two as well."""
-LONGEST = 4.0
+THROUGHOUT = 4.0
+"""Standard errors over the course of the log from which that is enough per joint where the nearer one leaves noise."""
+LONGEST = 3.0
 """Seconds that each of the two fits may take, about."""
 SHORTEST = 100
 """Samples of a stretch that is looked at."""
@@ -66,24 +69,23 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
     by = float(np.log(fits[0].equations.size / fits[1].equations.size).sum())
     count = max(sum(int(item.counts.sum()) for item in fits[0].tracked), 1)
     alone = not all(has_memory(fit.equations) for fit in fits)
-    least = max(LEAST, CLEARLY / count) if alone else REMEMBERED * robot.n
-    near, log = (fits[1], other) if by > 0 else (fits[0], one)
+    (near, far), log = (fits[::-1], other) if by > 0 else (fits, one)
     left = bool((near.above_noise(log) < ABOVE).all())
+    throughout = left and nearer_throughout(near, far) > THROUGHOUT
+    least = max(LEAST, CLEARLY / count) if alone else LEAST * robot.n if throughout else REMEMBERED * robot.n
     first, second = (float(fit.delays.mean()) for fit in fits)
     return Nearer(by if abs(by) > least else 0.0, left, (first, second), bool(at_bound(fits[1]).any()))
 
 
 def _fit(robot: Robot, standing: Robot, log: Signals, part: float) -> TrajectoryFit:
-    from elid_cli.estimation.trajectory.decided import fit_trajectory
     from elid_cli.estimation.trajectory.beginning import started_from
+    from elid_cli.estimation.trajectory.decided import fit_trajectory
     from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along
 
     assert log.recording is not None
     acting = as_acting(robot, log)
     runs = commanded_runs(_middle(log.recording, part), standing)
-    return fit_trajectory(
-        standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]), soft=False
-    )
+    return fit_trajectory(standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]))
 
 
 def _middle(recording: Recording, part: float) -> Recording:

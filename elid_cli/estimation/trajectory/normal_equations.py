@@ -174,10 +174,10 @@ def _stepped(
         joints = replace(joints, push=joints.push - known[:, None, None], damping=damping)
         local = replace(local, slope=local.slope + np.diag(stiffness))
     drives = run.drives
-    parts = (None if part is None else part[None] for part in (drives.ki, drives.smoothing, drives.held, drives.lag))
-    ki, smoothing, held, lag = parts
+    own = drives.ki, drives.smoothing, drives.held, drives.lag, drives.since
+    ki, smoothing, held, lag, since = (None if part is None else part[None] for part in own)
     alone = Drives(drives.told[:, None], drives.kp[None], drives.kd[None], drives.limit, ki, smoothing, held, lag,
-                   drives.stepped)  # fmt: skip
+                   drives.stepped, since)  # fmt: skip
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
     path, x, v = (x[:, 0, 0], v[:, 0, 0]), x[:: local.finer, :, 0], v[:: local.finer, :, 0]
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)

@@ -39,6 +39,7 @@ def by_motion(
     delays
         Whether a delay between commands and motion may be an unknown.
     """
+    from elid_cli.estimation.loops_of_torque import with_loop_words
     from elid_cli.estimation.reading import read_signals
     from elid_cli.estimation.refined_robot import identified_robot
     from elid_cli.estimation.trajectory.unasked import or_by_motion
@@ -49,4 +50,6 @@ def by_motion(
     answer = or_by_motion(found, signals, delays=delays)
     if answer.estimator == "trajectory":
         apart = errors_by_log(identified_robot(answer), signals, recording.files)
+    else:
+        answer = with_loop_words(answer, recording)
     return answer, recording, apart, signals

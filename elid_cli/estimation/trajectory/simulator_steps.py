@@ -18,22 +18,34 @@ from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.held_loops import AT_NOISE, clearly_nearer, loops_of, refitted, with_held_loops
-from elid_cli.estimation.trajectory.timing_doubts import as_doubtful, counting
+from elid_cli.estimation.trajectory.held_loops import (
+    AT_NOISE,
+    allowed_loops,
+    can_delay,
+    clearly_nearer,
+    counting_other,
+    loops_of,
+    refitted,
+    with_held_loops,
+)
+from elid_cli.estimation.trajectory.timing_doubts import as_doubtful, counting, step_of
 from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.estimation.trajectory.velocity_filters import filters_in_doubt, velocity_filters
-from elid_cli.model.drives import Stepped
+from elid_cli.model.drives import Stepped, parts_of_loops
 from elid_cli.model.effects import effect_that, of_drives
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import STEPS, declared_loops
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
+from elid_cli.signals.stepping_commands import commands_step
 
 FAR = 10.0
 """Times the encoders' noise, at any joint, up to which steps are asked for."""
 FINEST = 2.4e-4
 """Shortest step, s, that is simulated."""
+NEAREST = 3
+"""Steps that are tried where drives act before they are told: what else is missing moves by how much."""
 HALF = 0.1
 """Part of a step by which a delay may be off a whole number of steps less a half."""
 USUAL = 1, 2, 4, 5, 10
@@ -41,6 +53,8 @@ USUAL = 1, 2, 4, 5, 10
 the delay is known well enough to be one of whole steps."""
 SURE, LEAST = 3.0, 0.01
 """Standard errors, and part of a sample, by which drives act before they are told for that to count …"""
+BESIDE, NEARBY = 2, 0.3
+"""Steps per sample more or fewer, and part of its period, within which steps and loops are tried beside each other."""
 LONGEST = 0.6
 """Part of a sample by which steps, of a whole one at most, can make drives act before they are told."""
 SLIGHT = 5e-5
@@ -53,27 +67,75 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     Where drives act before they are told and neither explains it, standard errors count what steps would change.
     """
     recording = signals.recording
-    if recording is None or (fit.above_noise(signals) > FAR).any():
+    if recording is None:
         return fit
     free = fit if fit.delays.any() else refitted(fit, [item.run for item in fit.tracked], fit.z)
     free = fit if free is None else free
+    if (fit.above_noise(signals) > FAR).any():
+        looped = with_held_loops(fit, signals, free)
+        return fit if looped.tracked is fit.tracked else with_steps(looped, signals)
     if recording.smooth:  # drives that are told more often than is logged act more often, too
         return with_held_loops(fit, signals, free)
     stepped = with_steps(free, signals)
     nearer = stepped is not free and clearly_nearer(stepped, fit)
     looped = with_held_loops(fit, signals, free)
+    if nearer:  # a controller may run less often than its simulator steps
+        beside = with_held_loops(stepped, signals)
+        stepped = beside if beside.tracked is not stepped.tracked else replace(stepped, unseen=beside.unseen)
     if looped.tracked is not fit.tracked:
         # a filter of the velocity makes inertia and friction come out too small as well
         filtered = velocity_filters(free)
         if filtered is not None and nearer_by(filtered.fit, looped) > 0:
             return filters_in_doubt(_in_doubt(fit, free, signals), filtered)
     if looped.tracked is fit.tracked:
-        return replace(stepped, unseen=looped.unseen) if nearer else _in_doubt(looped, free, signals)
+        return _settled(stepped, step=commands_step(recording)) if nearer else _in_doubt(looped, free, signals)
     both = with_steps(looped, signals)
     both = both if both is looped else as_doubtful(both, looped)
+    step = commands_step(recording)
+    both, stepped = _settled(both, step=step), stepped if _alike(both, stepped) else _settled(stepped, step=step)
     if nearer and not clearly_nearer(both, stepped):
-        return stepped
-    return both if both is not looped else _in_doubt(looped, looped, signals)
+        return stepped if clearly_nearer(stepped, both) else counting_other(stepped, both)
+    return both if both.tracked is not looped.tracked else _in_doubt(looped, looped, signals)
+
+
+def _alike(one: TrajectoryFit, other: TrajectoryFit) -> bool:
+    """Whether two fits have the same loops in the same steps."""
+    mine, its = (fit.tracked[0].run.drives for fit in (one, other))
+    loops = [np.zeros(1) if drives.held is None else drives.held for drives in (mine, its)]
+    return mine.stepped == its.stepped and mine.told.shape == its.told.shape and np.array_equal(loops[0], loops[1])
+
+
+def _settled(fit: TrajectoryFit, *, step: bool) -> TrajectoryFit:
+    """Return a fit of loops in steps, or one of other periods and steps near by, if that is nearer.
+
+    One was found where the other was missing, and makes up for a part of it. `step` says that commands do.
+    """
+    run = fit.tracked[0].run
+    if run.drives.stepped is None or run.drives.held is None:
+        return fit
+    steps, often = round(run.dt / step_of(run)), float(run.drives.held.max())
+    pairs = [
+        (each, other) for each in range(max(steps - BESIDE, 1), steps + BESIDE + 1) for other in allowed_loops(run.dt)
+        if run.dt / each >= FINEST and not each % parts_of_loops(np.array(other)) and (each, other) != (steps, often)
+        and abs(often / other - 1.0) <= NEARBY and (not step or can_delay(fit, run.dt / other))
+    ]  # fmt: skip
+    found = [one for each, other in pairs if (one := _moved(fit, each, other)) is not None]
+    best = max((fit, *found), key=lambda one: nearer_by(one, fit))
+    return best if best is fit else as_doubtful(best, fit)
+
+
+def _moved(fit: TrajectoryFit, steps: int, often: float) -> TrajectoryFit | None:
+    """Return a fit of loops in steps with so many steps per sample, and loops so often in one, as much held."""
+    run, z, own = fit.tracked[0].run, fit.z.copy(), fit.unknowns
+    assert run.drives.stepped is not None
+    assert run.drives.held is not None
+    step, before = run.dt / steps, float(run.drives.held.max())
+    held = np.where(run.drives.held > 0, often, 0.0)
+    longer = 0.5 * run.dt * (1.0 / often - 1.0 / before)
+    for kind, gains in (("inertia", run.drives.kd), ("viscous", run.drives.kp)):
+        z[KINDS.index(kind) : own.drives : len(KINDS)] += longer * np.where(held > 0, gains, 0.0)
+    how = run.drives.stepped
+    return refitted(fit, [item.run.stepping(how, step).holding(held) for item in fit.tracked], z)
 
 
 def with_steps(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
@@ -98,7 +160,7 @@ def _asked(fit: TrajectoryFit, signals: Signals) -> list[int]:
     near = {each: np.abs(place - np.round(place)).max() for each, place in places.items()}
     if _lead(fit, LEAST * dt):
         ahead = [each for each in few if near[each] < HALF and not np.round(places[each]).any()]
-        return sorted(ahead, key=lambda each: float(near[each]))[:1]
+        return sorted(ahead, key=lambda each: float(near[each]))[:NEAREST]
     known = fit.deviation[fit.unknowns.delays].max()
     left = bool((fit.above_noise(signals) > AT_NOISE).any())
     return [each for each in USUAL if each in few and near[each] < HALF and np.round(places[each]).min() >= 0
@@ -107,10 +169,10 @@ def _asked(fit: TrajectoryFit, signals: Signals) -> list[int]:
 
 def _late(fit: TrajectoryFit) -> Array:
     """Return by how much drives act later than they are told, or than they compute what they hold, s, (R,)."""
-    often = max((float(item.run.drives.held.max()) for item in fit.tracked if item.run.drives.held is not None),
-                default=0.0)  # fmt: skip
-    period = fit.tracked[0].run.dt / often if often else np.inf
-    whole = np.round(fit.delays / period) * period if often else 0.0
+    parts = max((float(parts_of_loops(item.run.drives.held).max()) for item in fit.tracked
+                 if item.run.drives.held is not None), default=0.0)  # fmt: skip
+    period = fit.tracked[0].run.dt / parts if parts else np.inf
+    whole = np.round(fit.delays / period) * period if parts else 0.0
     found: Array = fit.delays - whole
     return found
 
@@ -131,7 +193,7 @@ def in_steps(fit: TrajectoryFit, how: Stepped, step: float) -> TrajectoryFit | N
     """Return the fit to a simulator's steps, from where a fit to smooth motion puts their unknowns."""
     held = [item.run.drives.held for item in fit.tracked if item.run.drives.held is not None]
     each = round(fit.tracked[0].run.dt / step)
-    if any(each % round(float(often.max())) for often in held):
+    if any(each % parts_of_loops(often).max() for often in held):
         return None
     own, z = fit.unknowns, fit.z.copy()
     z[own.delays] += 0.5 * step
@@ -158,11 +220,6 @@ def _damped(fit: TrajectoryFit) -> TrajectoryFit:
     less = np.zeros(fit.unknowns.drives)
     less[:: len(KINDS)] = step * _gains(fit)
     return replace(counting(fit, (less,)), either=True)
-
-
-def step_of(run: Run) -> float:
-    """Return the length of the steps of a stretch, s."""
-    return run.dt / (len(run.drives.told) // (len(run.t) - 1))
 
 
 def _in_doubt(fit: TrajectoryFit, free: TrajectoryFit, signals: Signals) -> TrajectoryFit:
@@ -200,7 +257,12 @@ def runs_in_time(
         fit = with_drives_in_time(fit_trajectory(robot, runs, start, *declared), signals)
     except DataError:
         return list(runs), None
-    return [_like(run, item.run) for run, item in zip(runs, fit.tracked, strict=True)], fit
+    return like_these(runs, fit), fit
+
+
+def like_these(runs: Sequence[Run], fit: TrajectoryFit) -> list[Run]:
+    """Return stretches with the loops, or in the steps, that those of a fit have."""
+    return [_like(run, item.run) for run, item in zip(runs, fit.tracked, strict=True)]
 
 
 def is_timed(fit: TrajectoryFit | None, signals: Signals) -> bool:
@@ -211,7 +273,7 @@ def is_timed(fit: TrajectoryFit | None, signals: Signals) -> bool:
 def retimed(runs: Sequence[Run], fit: TrajectoryFit, signals: Signals) -> tuple[list[Run], TrajectoryFit]:
     """Return stretches as `runs_in_time` does, by a fit with what was missing when that could not be judged."""
     found = with_drives_in_time(fit, signals)
-    return [_like(run, item.run) for run, item in zip(runs, found.tracked, strict=True)], found
+    return like_these(runs, found), found
 
 
 def _like(run: Run, other: Run) -> Run:

@@ -9,6 +9,12 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.model.runs import Run
+
+
+def step_of(run: Run) -> float:
+    """Return the length of the steps of a stretch, s."""
+    return run.dt / (len(run.drives.told) // (len(run.t) - 1))
 
 
 def counting(fit: TrajectoryFit, shifts: Sequence[Array]) -> TrajectoryFit:

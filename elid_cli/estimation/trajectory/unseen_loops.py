@@ -12,10 +12,13 @@ import numpy as np
 
 from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.signals.recording import Recording
 
 SHORTEST = 1.9e-3
 """Shortest period of these, s: motion hardly shows shorter ones. Measured: simulated legs with encoders of 16 bit and
 loops of 1 ms less than two integrators do, of 2 ms twice as much as counts as clear, of 5 ms fifty times."""
+LONGEST = 1e-2
+"""Longest period of these, s, unless a sample is longer."""
 LITTLE = 0.01
 """Sum over the joints of the logarithm of the error's size by which loops that run several times per sample must be
 nearer: two integrators of the same plant differ by up to a third of it."""
@@ -23,7 +26,7 @@ DEVIATIONS = 2.0
 """Standard errors of a delay that count."""
 
 
-def by_motion(fit: TrajectoryFit, tried: Mapping[int, TrajectoryFit], dt: float) -> float:
+def by_motion(fit: TrajectoryFit, tried: Mapping[float, TrajectoryFit], dt: float) -> float:
     """Return the longest period, s, of loops that hold their torque and are as near the motion as ones that always act.
 
     Parameters
@@ -31,31 +34,33 @@ def by_motion(fit: TrajectoryFit, tried: Mapping[int, TrajectoryFit], dt: float)
     fit
         The fit of drives that act all the time.
     tried
-        Fits of loops that run once and twice in a sample, by how often; the logarithm by which they are farther goes
-        with the square of the period, and the fourth power.
+        Fits of loops, by how often in a sample they run; the logarithm by which they are farther goes with the square
+        of the period, and the fourth power: the two longest count.
     dt
         Sample time, s.
     """
-    by = {often: nearer_by(one, fit) for often, one in tried.items() if often in (1, 2)}
-    if not by:
+    if not tried:
         return min(SHORTEST, dt)
+    (longest, whole), *others = [(often, nearer_by(tried[often], fit)) for often in sorted(tried)[:2]]
     part = np.linspace(0.0, 1.0, 501) ** 2
-    if len(by) == 1:
-        ((often, whole),) = by.items()
-        farther = whole * (part * often**2) ** 2
+    if not others:
+        farther = whole * part**2
     else:
-        bend = (by[1] - 4.0 * by[2]) / 0.75
-        farther = (by[1] - bend) * part + bend * part**2
+        ((shorter, less),) = others
+        x = (longest / shorter) ** 2
+        bend = (whole - less / x) / (1.0 - x)
+        farther = (whole - bend) * part + bend * part**2
     beyond = np.flatnonzero(farther < -LITTLE)
-    return dt * float(np.sqrt(part[beyond[0]])) if len(beyond) else dt
+    return dt / longest * (float(np.sqrt(part[beyond[0]])) if len(beyond) else 1.0)
 
 
-def by_delay(fit: TrajectoryFit, dt: float) -> float:
-    """Return the longest period, s, of loops under smooth commands: half a period is no longer than the delay.
+def by_delay(fit: TrajectoryFit, recording: Recording) -> float:
+    """Return the longest period, s, of loops under commands that change all the time: half of it is in the delay.
 
-    That of a sample where the fit has no delay.
+    Held for their sample such commands act late by half of it already. That of a sample where the fit has no delay.
     """
+    dt = recording.dt
     if not fit.delays.any():
         return dt
-    late = fit.delays + DEVIATIONS * fit.deviation[fit.unknowns.delays]
-    return min(dt, 2.0 * max(float(late.max()), 0.0))
+    late = fit.delays + DEVIATIONS * fit.deviation[fit.unknowns.delays] + (0.0 if recording.smooth else 0.5 * dt)
+    return min(max(dt, LONGEST), 2.0 * max(float(late.max()), 0.0))

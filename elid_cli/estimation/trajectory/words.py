@@ -12,7 +12,8 @@ from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.held_loops import at_bound, less_by_holding, loops_bend, matters
 from elid_cli.estimation.trajectory.settings import softness
-from elid_cli.estimation.trajectory.simulator_steps import LONGEST, step_of
+from elid_cli.estimation.trajectory.simulator_steps import LONGEST
+from elid_cli.estimation.trajectory.timing_doubts import step_of
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops, has_steps
 from elid_cli.robot.robot import Robot
@@ -31,6 +32,8 @@ HOLDS = (
     "times half {that}"
 )
 """Said of drives that were found to hold their torque."""
+SAME = 0.1
+"""Part by which a period may be off a sample that is called the log's rate."""
 OTHERS = (
     "; loops of {others} come as near, and the standard errors count that (a held_loop declared in the robot file says "
     "how long it is)"
@@ -119,6 +122,18 @@ def _span(values: Iterable[float]) -> str:
     return least if least == most else f"{least} to {most}"
 
 
+def command_words(fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return that commands may as well change smoothly between samples, in a sentence; none where it is known."""
+    if not fit.smoother:
+        return ()
+    late = 1e3 * float((fit.delays + fit.smoother).mean())
+    return (
+        "commands are taken as held for their sample; where they change smoothly from sample to sample, as where "
+        f"drives are told more often than is logged, the motion is simulated as well with a delay of {late:.3g} ms, "
+        "which the standard errors count (--commands smooth, or held, says which)",
+    )
+
+
 def loop_words(
     robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArray[np.bool_]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -132,10 +147,11 @@ def loop_words(
 def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: NDArray[np.bool_]) -> tuple[str, ...]:
     held = [(item.run.drives.held, item.run.dt) for item in fit.tracked if item.run.drives.held is not None]
     if held:
-        often = round(float(held[0][0].max()))
+        often = float(held[0][0].max())
         period = f"{1e3 * held[0][1] / often:.3g} ms"
         once = {"rate": "at the log's rate", "period": "a sample", "that": "a sample"}
-        several = {"rate": f"{often} times per sample", "period": period, "that": "that"}
+        several = {"rate": f"{often:g} times per sample" if often == round(often) else f"every {period}",
+                   "period": period, "that": "that"}  # fmt: skip
         if declared_loops(robot).any():
             return ()
         told = HOLDS.format(**(once if often == 1 else several))
@@ -148,9 +164,8 @@ def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: N
     less, matter = less_by_holding(fit, recording), matters(fit, recording) & moves[:, [0, 2]]
     if not matter.any():
         return ()
-    every = (
-        "at the log's rate" if fit.unseen is None or fit.unseen >= recording.dt else f"every {1e3 * fit.unseen:.2g} ms"
-    )
+    longest = recording.dt if fit.unseen is None else fit.unseen
+    every = "at the log's rate" if abs(longest / recording.dt - 1.0) < SAME else f"every {1e3 * longest:.2g} ms"
     said = []
     for place, (words, unit) in enumerate((("motor inertia", "kg·m²"), ("viscous friction", "N·m·s/rad"))):
         if matter[:, place].any():

@@ -114,8 +114,9 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, fi
                 torque -= drives.ki * summed
                 summed += turned * model.opt.timestep
             if drives.held is not None:  # what was computed at the sample stays
-                period = np.maximum(np.round(steps * finer / np.maximum(drives.held, 1.0)), 1)
-                sampled = np.where(j % period == 0, torque, sampled)
+                period = np.maximum(np.round(steps * finer / np.where(drives.held > 0, drives.held, 1.0)), 1)
+                now = k * steps * finer + j + np.round((0.0 if drives.since is None else drives.since) * steps * finer)
+                sampled = np.where((now % period == 0) | (k + j == 0), torque, sampled)
                 torque = np.where(drives.held > 0, sampled, torque)
             data.qfrc_applied[push] = (np.clip(torque, -drives.limit, drives.limit) - offsets) / turns
             mujoco.mj_step(model, data)

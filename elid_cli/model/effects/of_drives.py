@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from typing import Literal
 
 import numpy as np
@@ -22,6 +23,8 @@ LOOPS = ("integral", "filter", "hold", "step")
 """What of a drive is in its loop, or in the steps of a simulator, and not in the torque that a log tells."""
 OFTEN, STEPS = 20, 40
 """Most times per sample that a drive computes its torque, and that a simulator steps, which are simulated."""
+BETWEEN, FEW, EXACTLY = 20, 5, 2e-3
+"""Most samples that are a loop's period, or few of which are several of them, and part by which they may be off it."""
 WHOLE = 0.05
 """Part by which a sample may be off a whole number of simulated steps, or of loops that are several in a sample."""
 
@@ -61,13 +64,21 @@ def declared_loops(robot: Robot) -> Array:
 def holding(robot: Robot, dt: float) -> Array:
     """Return how often in a sample of a log, s, drives compute the torque that they hold, (n,); 0: all the time.
 
-    0, too, for loops whose period is no whole part of the sample, or a very small one.
+    0, too, for loops of a very small period, and of one of which no few are a few samples.
     """
-    often = np.divide(dt, periods := declared_loops(robot), out=np.zeros(robot.n), where=periods > 0)
-    whole = np.round(often)
-    near = np.where(whole == 1, (often > 1.0 / SAME_TIME) & (often < SAME_TIME), np.abs(often - whole) < WHOLE * whole)
-    found: Array = np.where(near & (whole >= 1) & (whole <= OFTEN), whole, 0.0)
-    return found
+    return np.array([_often(dt / period) if period > 0 else 0.0 for period in declared_loops(robot).tolist()])
+
+
+def _often(often: float) -> float:
+    """Return how often in a sample a loop is simulated; 0: not at all."""
+    parts = {Fraction(round(below * often), below) for below in range(1, BETWEEN + 1)}
+    exact = [one for one in parts if one and (one.numerator == 1 or one.denominator <= FEW)
+             and abs(float(one) - often) <= EXACTLY * often]  # fmt: skip
+    near = min(exact, key=lambda one: one.denominator, default=None)
+    if near is None and (whole := round(often)):
+        rough = 1.0 / SAME_TIME < often < SAME_TIME if whole == 1 else abs(often - whole) < WHOLE * whole
+        near = Fraction(whole) if rough else None
+    return float(near) if near and near.numerator <= OFTEN else 0.0
 
 
 def has_steps(robot: Robot) -> bool:

@@ -65,10 +65,10 @@ def test_loops_that_hold_are_found_and_the_written_robot_has_them(
     bare = replace(again, effects=tuple(spec for spec in again.effects if spec.effect != "held_loop"))
     assert replay(bare, other).mean_abs > 5 * NOISE
     slower = tuple(
-        replace(spec, parameters={"period": 4 * DT}) if spec.effect == "held_loop" else spec for spec in again.effects
+        replace(spec, parameters={"period": DT / 50}) if spec.effect == "held_loop" else spec for spec in again.effects
     )
     assert not replay(again, other).left_out
-    assert replay(replace(again, effects=slower), other).left_out  # no loop of another time is simulated
+    assert replay(replace(again, effects=slower), other).left_out  # no loop that short is simulated
     signals = prepare(read_recording([written(tmp_path, "other.h5", other)], again), again)
     for joint in again.joint_names:
         assert validate(again, signals).error[joint].relative < 0.5 * validate(bare, signals).error[joint].relative

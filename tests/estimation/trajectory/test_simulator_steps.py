@@ -31,34 +31,39 @@ TRUTH = {"Ja": ARMATURE, "fs": COULOMB, "fv": VISCOUS}
 
 
 def moved(
-    seed: int, duration: float, step: float, *, implicit: bool = False, every: int = 1, limit: float = np.inf
+    seed: int, duration: float, step: float, *, implicit: bool = False, every: int = 1, limit: float = np.inf,
+    loop: float = 0.0, lively: float = 0.0, speeds: bool = False,
 ) -> Recording:  # fmt: skip
     """Return a log of the pendulums whose positions a simulator stepped, with the commands of the plant's own.
 
     Commands change `every` so many samples, as those of a policy, that tell no rates then. Drives deliver at most
-    `limit`, N·m.
+    `limit`, N·m. They compute their torque every `loop` s and hold it until the next time; 0: in every step.
+    Commands jump by `lively`, rad rms, beside the plant's own. Velocities are logged where `speeds`, without noise.
     """
     log = plant.moved(seed, duration, noise=0.0)
     each = round(DT / step)
     h, q_des, dq_des = DT / each, log.commands["q_des"], log.commands["dq_des"]
     if every > 1:
+        q_des = q_des + lively * np.random.default_rng(seed + 70).standard_normal(q_des.shape)
         q_des, dq_des = q_des[np.arange(len(q_des)) // every * every], np.zeros_like(dq_des)
         log = replace(log, commands={**log.commands, "q_des": q_des, "dq_des": dq_des})
     inertia = plant.INERTIA + plant.MASS * plant.REACH**2 + ARMATURE
     weight = plant.MASS * plant.GRAVITY * plant.REACH
     # joints' own damping is taken at the step's end, that of the drives where it is implicit
     mass = inertia + h * (VISCOUS + (KD if implicit else 0.0))
-    x, v, q = q_des[0].copy(), np.zeros(3), np.empty_like(q_des)
+    x, v, drive = q_des[0].copy(), np.zeros(3), np.zeros(3)
+    q, dq = np.empty((2, *q_des.shape))
     for k in range(len(q)):
-        q[k] = x
-        for _ in range(each):
-            torque = np.clip(KP * (q_des[k] - x) + KD * (dq_des[k] - v), -limit, limit)
-            torque -= plant.OFFSET + VISCOUS * v + weight * np.sin(x)
+        q[k], dq[k] = x, v
+        for now in range(k * each, (k + 1) * each):
+            if now % max(round(loop / h), 1) == 0:
+                drive = np.clip(KP * (q_des[k] - x) + KD * (dq_des[k] - v), -limit, limit)
+            torque = drive - (plant.OFFSET + VISCOUS * v + weight * np.sin(x))
             free = v + h * torque / mass
             v = free - np.clip(free, -h * COULOMB / mass, h * COULOMB / mass)
             x = x + h * v
     q += NOISE * np.random.default_rng(seed + 50).standard_normal(q.shape)
-    return replace(log, q=q, theta=q, dq=np.full_like(q, np.nan))
+    return replace(log, q=q, theta=q, dq=dq if speeds else np.full_like(q, np.nan))
 
 
 def told(folder: Path, capsys: pytest.CaptureFixture[str], log: Recording) -> dict[str, object]:
@@ -173,20 +178,21 @@ def test_a_search_has_the_steps_that_the_motion_shows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["explicit", "implicit"])
-@pytest.mark.parametrize("often", [0.0, 1.0, 5.0])
+@pytest.mark.parametrize("often", [0.0, 1.0, 5.0, 2.5, 0.25])
 def test_loops_and_arrays_step_alike(tmp_path: Path, how: str, often: float) -> None:
     arm, log = robot(tmp_path), plant.moved(1, 1.0, noise=0.0)
     (run,) = runs_of(log, arm, None, np.zeros(3), commanded=True)
-    run = run.stepping(how, STEP, -2e-4)  # type: ignore[arg-type]
+    run = replace(run.stepping(how, STEP, -2e-4), begun=7.0)  # type: ignore[arg-type]
     run = run.holding(np.array([often, 0.0, often]), -2e-4) if often else run
     local = Linearised(arm, without=("Ja", "fs", "fv")).about(
         run.near[:, None], np.gradient(run.near, DT, axis=0)[:, None]
     )
     drives = run.drives
-    held, lag = (None if part is None else part[None, None] for part in (drives.held, drives.lag))
+    own_times = (drives.held, drives.lag, drives.since)
+    held, lag, since = (None if part is None else part[None, None] for part in own_times)
     alone = Drives(
         drives.told[:, None, None], drives.kp[None, None], drives.kd[None, None], drives.limit, None, None, held, lag,
-        drives.stepped,
+        drives.stepped, since,
     )  # fmt: skip
     own = [np.array(part)[None, None, None] for part in (ARMATURE, 0.5 * COULOMB, VISCOUS, np.zeros(3))]
     fading = Fading(own[1], np.full_like(own[1], 0.02), np.full_like(own[1], 0.009))

@@ -15,6 +15,7 @@ from elid_cli.estimation.trajectory import unseen_loops
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unseen_loops import LITTLE, SHORTEST, by_delay, by_motion
 from elid_cli.logs import robot_as_logged
+from elid_cli.signals.recording import Recording
 from tests.diagnosis.by_motion import plant
 
 DT = 0.01
@@ -50,7 +51,8 @@ def test_loops_that_were_not_simulated_may_be_short(monkeypatch: pytest.MonkeyPa
 def test_under_smooth_commands_half_a_period_is_no_more_than_the_delay(late: float, period: float) -> None:
     unknowns = SimpleNamespace(delays=slice(0, 1))
     fit = SimpleNamespace(delays=np.array([late]), deviation=np.array([2.5e-5]), unknowns=unknowns)
-    assert by_delay(cast("TrajectoryFit", fit), DT) == pytest.approx(period)
+    log = cast("Recording", SimpleNamespace(dt=DT, smooth=True))
+    assert by_delay(cast("TrajectoryFit", fit), log) == pytest.approx(period)
 
 
 def test_commands_that_are_stamped_ahead_are_no_simulator_s_steps(tmp_path: Path) -> None:
