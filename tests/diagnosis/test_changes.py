@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis.diagnose import divided
+from elid_cli.diagnosis.diagnose import DiagnoseOptions, diagnose_torque, divided
 from elid_cli.diagnosis.fit.state import fit, refreshed
 from elid_cli.diagnosis.search.acceptance import is_change, predicted_better
 from elid_cli.experiment.simulation import SimulationOptions, simulate
@@ -34,6 +34,29 @@ def test_wild_accelerations_at_an_end_do_not_decide_when_a_load_was_gripped() ->
     tau[:2] += 1e4
     for scene in (state.scene, replace(state.scene, tau=tau, cache={})):
         assert min(abs(start - GRIPPED) for (start,) in payload.grid(scene, robot.n - 1)) < 0.1
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_load_gripped_where_a_held_out_stretch_begins_is_all_that_is_named(seed: int) -> None:
+    """Half of the log is such a place: filters spread the change over rows on both sides of it."""
+    robot = read_robot("planar2")
+    gripped = replace(robot, effects=(EffectSpec("payload", None, {"m": 2.0, "cx": 0.6, "start": 8.0}),))
+    log = simulate(gripped, SimulationOptions(duration=16.0, rate=200.0, seed=seed))
+    signals = prepare(log, robot, SignalOptions.for_diagnosis(log.rate))
+    found = diagnose_torque(robot, signals, DiagnoseOptions(only=("payload", "contact")))
+    assert any(abs(first - 8.0) < 0.02 for first, _ in found.held_out)
+    assert [effect.effect for effect in found.effects] == ["payload"]
+    assert found.effects[0].parameters["start"] == pytest.approx(8.0, abs=0.01)
+    assert found.unexplained == ()
+
+
+def test_the_instant_of_a_change_is_found_to_a_sample_wherever_it_is() -> None:
+    robot = read_robot("planar2")
+    gripped = replace(robot, effects=(EffectSpec("payload", None, {"m": 2.0, "cx": 0.6, "start": 6.0}),))
+    log = simulate(gripped, SimulationOptions(duration=16.0, rate=200.0, seed=2))
+    signals = prepare(log, robot, SignalOptions.for_diagnosis(log.rate))
+    found = diagnose_torque(robot, signals, DiagnoseOptions(only=("payload",)))
+    assert found.effects[0].parameters["start"] == pytest.approx(6.0, abs=1.1 / log.rate)
 
 
 def judged(before: list[float], after: list[float], *, change: bool) -> float | None:

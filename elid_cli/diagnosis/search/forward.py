@@ -20,6 +20,7 @@ from elid_cli.diagnosis.search.encoders_first import (
     seen_again,
     seen_in_positions,
 )
+from elid_cli.diagnosis.search.event_times import timed
 from elid_cli.diagnosis.search.far_zeros import with_far_zeros
 from elid_cli.diagnosis.search.screening import best_of, score, sensible
 from elid_cli.diagnosis.search.steps import TWIN_SHARE, Found, Step, are_twins, best_step
@@ -125,7 +126,10 @@ def _grown(state: State, candidate: Candidate, seen: Sequence[Skew]) -> State | 
     It must be so before the skews are put right, too: that moves them by a tenth of a sample at most, and fits each of
     them many times where the candidate and the model have to agree.
     """
-    grown = refreshed(fit(state.log, (*state.effects, candidate.effect), state.scene))
+    grown = fit(state.log, (*state.effects, candidate.effect), state.scene)
+    for number in range(len(grown.effects)):  # what an effect explains may have moved the instants of others
+        grown = timed(grown, number)
+    grown = refreshed(grown)
     if not worthwhile(state, grown, candidate):
         return None
     if not seen:
