@@ -33,18 +33,20 @@ def check_names(gates: Gates, robot: Robot) -> None:
 
 
 def motor_rows_told(report: Report, gates: Gates, error: Mapping[str, JointError], output: Output) -> Report:
-    """Return the report with a warning of every joint that keeps ``--max-error`` while its motor row alone exceeds it.
+    """Return the report with a warning of every joint whose motor row is above ``--max-error`` by noise alone.
 
-    The limit is one of the torque that the whole model predicts; errors of link and motor side may cancel in it.
+    No limit is broken by it: the whole model keeps the limit, and no other one would leave less there.
     """
+    from elid_cli.report.answers.summary import only_noise
+
     limit = gates.max_error
     if limit is None:
         return report
     said = [
-        f"{joint}: the motor side, {100 * e.spring_relative:.3g} %, exceeds --max-error {100 * limit:.3g} %, "
-        f"which limits the error of the whole model, {100 * e.relative:.3g} %"
+        f"{joint}: the motor side, {100 * e.spring_relative:.3g} %, exceeds --max-error {100 * limit:.3g} % by the "
+        f"noise of the encoders alone; the error of the whole joint, {100 * e.relative:.3g} %, does not"
         for joint, e in error.items()
-        if e.spring_relative is not None and e.relative <= limit < e.spring_relative
+        if e.spring_relative is not None and limit < e.spring_relative and only_noise(e, limit)
     ]
     note(said, output, "warning")
     warnings = [Text(f"motor_row{k}", line, "warning") for k, line in enumerate(said)]
@@ -101,15 +103,25 @@ def broken_gates(
     """Return the limits that are broken, in words."""
     broken: list[str] = []
     if gates.max_error is not None and error is not None:
-        broken += [
-            f"{joint}: torque error {100 * e.relative:.3g} % exceeds --max-error {100 * gates.max_error:.3g} %"
-            for joint, e in error.items()
-            if not e.relative <= gates.max_error
-        ]
+        broken += _too_large(gates.max_error, error)
     if classes is not None:
         broken += [
             f"{name}: {classes[name]}, not independent"
             for name in gates.require_independent
             if classes[name] != "independent"
         ]
+    return broken
+
+
+def _too_large(limit: float, error: Mapping[str, JointError]) -> list[str]:
+    """Return which joints are above ``--max-error``, in words: by the error that the report's first answer names."""
+    from elid_cli.estimation.judgement import EQUATIONS
+    from elid_cli.report.answers.summary import largest_share, only_noise
+
+    broken = []
+    for joint, e in error.items():
+        share, row = largest_share(e)
+        if not share <= limit and not only_noise(e, limit):
+            where = f" ({EQUATIONS[row]})" if row != "sum" else ""
+            broken.append(f"{joint}: torque error {100 * share:.3g} %{where} exceeds --max-error {100 * limit:.3g} %")
     return broken

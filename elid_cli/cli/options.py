@@ -208,7 +208,8 @@ class Gates:
 
 max_error = option(
     GATES, "--max-error", type=ShareOfOne(least=0), metavar="SHARE",
-    help="Largest held-out torque error of any joint, of the whole model, as a share of its torque: 0.05 or 5%.",
+    help="Largest held-out torque error of any joint, in the worse of its equations, as a share of its torque: 0.05 or "
+    "5%.",
 )  # fmt: skip
 require_independent = option(
     GATES, "--require-independent", multiple=True, metavar="NAME",

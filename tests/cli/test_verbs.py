@@ -149,16 +149,16 @@ def test_the_next_command_reads_the_log_as_this_one_did(elid, place: Path, verb:
         other.unlink()
 
 
-def test_a_motor_row_above_the_limit_is_told_where_the_whole_model_keeps_it(elid, tmp_path: Path) -> None:
+def test_a_motor_row_above_the_limit_breaks_it_where_the_whole_joint_keeps_it(elid, tmp_path: Path) -> None:
     """A spring that is too soft by 1 %: link and motor side are wrong by the same torque, and their sum is right."""
     root = Path(__file__).parents[2]
     soft = (root / "robots" / "planar2.yaml").read_text("utf-8").replace("K: 1800", "K: 1780")
     (tmp_path / "soft.yaml").write_text(soft)
     line = ("validate", str(root / "sample_logs" / "planar2.h5"), "--robot", "soft.yaml", "--max-error")
     done = elid(*line, "1%", cwd=tmp_path)
-    assert done.returncode == 0
-    assert done.stderr.startswith("warning: joint2: the motor side, 1.04 %, exceeds --max-error 1 %")
-    assert "joint2: the motor side, 1.04 %, exceeds --max-error 1 %" in done.stdout.replace("\n", " ")
+    assert done.returncode == 1
+    assert done.stderr == "error: joint2: torque error 1.04 % (motor side) exceeds --max-error 1 %\n"
+    assert "an error above 1 % (rms" in done.stdout.replace("\n", " ").replace("                    ", "")
     assert elid(*line, "2%", cwd=tmp_path).stderr == ""
 
 

@@ -21,6 +21,7 @@ from elid_cli.logs.checks.known_inertias import RUNS
 from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.units_and_signs import AS_IT_IS, NOT_TORQUE
+from elid_cli.model.regressor import Kind
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import KeyValues, Mark, Section, cell_text, number_text
 from elid_cli.robot.parameter import StandardParameter
@@ -108,10 +109,20 @@ def _beside_noise(error: JointError) -> list[tuple[float, float]]:
     return [(rms, floor) for rms, floor in pairs if rms is not None and floor]
 
 
-def _largest_share(error: JointError) -> float:
-    """Return the error as a part of the torque, in the worse of a joint's equations: the longest bar of the figure."""
+def largest_share(error: JointError) -> tuple[float, Kind]:
+    """Return the error as a part of the torque, in the worse of a joint's equations, and that equation's row."""
     motor = (error.spring_rms or 0.0) / error.torque_rms if error.torque_rms > 0 else 0.0
-    return max(error.relative, motor)
+    sides: tuple[tuple[float, Kind], ...] = ((error.relative, "sum"), (motor, "motor"))
+    return max(sides, key=lambda side: side[0])
+
+
+def only_noise(error: JointError, share: float) -> bool:
+    """Whether a joint's error is above a share of its torque in the motor's equation alone, and there by noise alone.
+
+    Noise of the encoders is there times the stiffness; no other model would leave less.
+    """
+    floor, left = error.spring_floor, error.spring_rms
+    return error.relative <= share and bool(floor and left and left <= AT_FLOOR * floor)
 
 
 def _motor_side(error: JointError) -> bool:
@@ -146,8 +157,8 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
     if not error:
         return "Nobody can tell: no joint has a torque in this log."
     marks = {joint: light(e, lacking=joint in lacking).text for joint, e in error.items()}
-    shares = {joint: share_text(_largest_share(e)) for joint, e in error.items()}
-    worst = max(error, key=lambda joint: _largest_share(error[joint]))
+    shares = {joint: share_text(largest_share(e)[0]) for joint, e in error.items()}
+    worst = max(error, key=lambda joint: largest_share(error[joint]))
     noise = all(e.floor for e in error.values())
     silent = [name for name in robot.joint_names if name not in error]
     but = f" Nothing is known of {listed(silent)}, without torque or motion in this log." if silent else ""
