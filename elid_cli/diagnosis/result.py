@@ -49,6 +49,8 @@ class Rival:
     """By how much it moves the base parameters in place of the named one, (b,); None where there was no such fit."""
     further: Array | None = field(default=None, repr=False, compare=False)
     """What their standard errors are then more, squared and summed, (b,): it may tell less than the named one."""
+    at: str | None = None
+    """The named effect's joint; None where that is one of the whole robot, or effects at several joints together."""
     moved: tuple[tuple[str, float], ...] = ()
     """Base parameters that it moves by two standard errors or more, the most first, and what they then are."""
 

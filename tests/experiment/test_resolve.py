@@ -203,6 +203,22 @@ def test_a_rival_without_values_is_no_absence_of_rivals(saved: dict[str, Any], m
         read_question(written(tmp_path, {**saved, "also_possible": vague, "unexplained": []}), made.truth)
 
 
+def test_a_rival_at_another_joint_is_a_question_of_the_effect_that_it_stands_for(
+    saved: dict[str, Any], made: Made
+) -> None:
+    named, rival = saved["effects"][0], saved["also_possible"][0]
+    others = [name for name in made.truth.joint_names if name != named["joint"]]
+    far = {**rival, "joint": others[0], "instead_at": named["joint"]}
+    asked = question_of({**saved, "also_possible": [far], "unexplained": []}, made.truth)
+    (group,) = asked.groups
+    assert [(h.effect, h.joint) for h in group.hypotheses] == [
+        (named["effect"], named["joint"]),
+        (rival["effect"], others[0]),
+    ]
+    with pytest.raises(DataError, match="leaves nothing open"):  # of an effect that was not found there
+        question_of({**saved, "also_possible": [{**far, "instead_at": others[0]}], "unexplained": []}, made.truth)
+
+
 def test_words_that_are_no_json_are_refused(planar: Robot, tmp_path: Path) -> None:
     path = tmp_path / "words.json"
     path.write_text("words", "utf-8")

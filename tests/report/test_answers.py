@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from elid_cli.diagnosis import FoundEffect, Rival
 from elid_cli.estimation.judgement import JointError
 from elid_cli.report.answers.inputs import fullest
 from elid_cli.report.answers.known import parameter_words
-from elid_cli.report.answers.missing import named_words, summary_words
+from elid_cli.report.answers.missing import named_words, replaced, summary_words
 from elid_cli.report.answers.summary import called, light, small_value, symbol_words
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "quanser_2dsfl.csv"
@@ -31,6 +32,15 @@ def test_what_a_log_cannot_tell_apart_is_named_as_one_of_several() -> None:
     assert named_words({"stribeck": ["j1"]}, [], "friction that falls") == (
         "Stribeck friction at j1 (friction that falls)."
     )
+
+
+def test_a_rival_at_another_joint_stands_beside_the_effect_that_it_could_replace() -> None:
+    far = replace(rival("velocity_coupling", "j3", "stribeck"), at="j2")
+    assert named_words({"stribeck": ["j1", "j2", "j3"]}, [far]) == (
+        "Stribeck friction at j1 and j3; one of: Stribeck friction at j2, velocity coupling at j3; "
+        "this log cannot tell which."
+    )
+    assert replaced(far, [curve("j2", 0.5, 1.0), curve("j3", 0.5, 1.0)]) == "Stribeck friction of j2"
 
 
 def curve(joint: str, amplitude: float, exponent: float, error: float = 0.01, velocity: float = 0.1) -> FoundEffect:

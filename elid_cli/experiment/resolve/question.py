@@ -251,6 +251,10 @@ def _rivals(first: Hypothesis, possible: Sequence[Mapping[str, Any]], robot: Rob
         rival = _hypothesis(item, robot) if item["effect"] in effect_classes() else None
         if rival is None or item["instead_of"] != first.effect or not rival.parameters:
             continue
+        if (at := item.get("instead_at")) is not None:
+            if at == first.joint:
+                own.append(rival)
+            continue
         # of one effect found at two joints each has its own rivals; its like at a third belongs to both
         if first.kind.whole_robot or rival.kind.whole_robot or rival.number == first.number or rival.kind is first.kind:
             own.append(rival)

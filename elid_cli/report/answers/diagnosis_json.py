@@ -34,7 +34,8 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         ],
         "nuisances": nuisance_payload(found.corrected),
         "also_possible": [
-            picked(r, "effect joint gain instead_of parameters std_error behind separate") for r in found.also_possible
+            {**picked(r, "effect joint gain instead_of parameters std_error behind separate"), "instead_at": r.at}
+            for r in found.also_possible
         ],
         "unexplained": [
             {**picked(u, "joint rows variable share rms ratio"),

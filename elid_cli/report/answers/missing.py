@@ -70,6 +70,8 @@ def whose(effect: str, joint: str | None) -> str:
 
 def replaced(rival: Rival, effects: Sequence[FoundEffect]) -> str:
     """Return what a rival stands in place of, as it is read: ``backlash``; of another joint's, that joint's."""
+    if rival.at and rival.joint and rival.joint != rival.at:
+        return f"that of {rival.at}" if rival.effect == rival.instead_of else whose(rival.instead_of, rival.at)
     (*others, last) = [e.joint for e in effects if e.effect == rival.instead_of] or [None]
     return f"that of {last}" if rival.effect == rival.instead_of and last and not others else spoken(rival.instead_of)
 
@@ -104,22 +106,20 @@ def named_words(places: Mapping[str, Sequence[str]], rivals: Sequence[Rival], su
     groups: list[str] = []
     for effect, joints in places.items():
         equals = [r for r in rivals if r.instead_of == effect]
-        tied = [joint for joint in joints if any(r.joint == joint for r in equals)] or (joints if equals else [])
+        tied = [j for j in joints if any((r.at or r.joint) == j for r in equals)] or (joints if equals else [])
         if free := [joint for joint in joints if joint not in tied]:
             groups.append(f"{spoken(effect)} at {listed(free)}")
         if tied:
             names = [f"{spoken(effect)} at {listed(tied)}"]
             names += [f"{spoken(r.effect)} at {r.joint or 'the robot'}" for r in equals]
             groups.append(f"one of: {', '.join(dict.fromkeys(names))}; this log cannot tell which")
-    alone = len(groups) == 1 and not rivals
-    said = "; ".join(groups) + (in_brackets(summary) if alone else "")
+    said = "; ".join(groups) + (in_brackets(summary) if len(groups) == 1 and not rivals else "")
     return f"{said[:1].upper()}{said[1:]}."
 
 
 def in_brackets(summary: str) -> str:
     """Return what an effect is, in brackets and without any inside; nothing of nothing."""
-    flat = summary.replace(" (", ", ").replace(")", "")
-    return f" ({flat})" if summary else ""
+    return f" ({summary.replace(' (', ', ').replace(')', '')})" if summary else ""
 
 
 def poorly_fitted(found: Diagnosis) -> Mapping[str, Unexplained]:
