@@ -177,10 +177,6 @@ def _settled(candidates: Sequence[Candidate]) -> list[Candidate]:
     return [replace(candidate, gain=gain) for candidate, gain in zip(candidates, gains, strict=True)]
 
 
-def _periodic(kind: type[Effect]) -> bool:
-    return kind.shapes[0].name in ("order", "frequency")
-
-
 def _best_shapes(state: State, places: Sequence[tuple[type[Effect], int]], groups: int) -> list[Candidate | None]:
     """Return the best shape of every effect at its joint; None where the model explains it already."""
     tried = []
@@ -269,8 +265,7 @@ def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
     free = np.array([s > 0 and not _whole(kind, k) for k, s in enumerate(start)])
     if not free.any():
         return candidate
-    narrow = _periodic(kind)
-    span = 0.08 if narrow else 0.7
+    span = kind.reach(state.scene, joint, candidate.effect.shape)
     best = candidate
 
     def cost(logs: Array) -> float:

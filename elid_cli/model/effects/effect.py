@@ -219,6 +219,11 @@ class Effect(ABC):
         return max(1, len(cls.grid(scene, joint)))
 
     @classmethod
+    def reach(cls, scene: Scene, joint: int, shape: Sequence[float]) -> float:
+        """Return how far around a shape of the grid a search refines it: the largest logarithm of a factor on it."""
+        return 0.08 if cls.shapes and cls.shapes[0].name == "frequency" else 0.7
+
+    @classmethod
     def applies(cls, robot: Robot, joint: int) -> bool:
         """Whether the effect can exist at this joint."""
         return not cls.unfit(robot, joint)

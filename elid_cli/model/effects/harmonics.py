@@ -15,6 +15,8 @@ from elid_cli.model.effects.scene import Scene
 PHASE = Parameter("phase", "rad", "phase of the sine at zero angle", low=-math.pi, high=math.pi)
 APART = 0.75
 """Periods over the angle covered by which two orders at one joint must differ."""
+ALIKE, NARROW = 0.25, 0.08
+"""Periods over the angle covered by which orders that look alike differ, and the least part of one that is searched."""
 PASSED, TURNS = 2.0, 2.0
 """Times that the covered angle must be passed, or turns that it must hold."""
 SHORT = 0.05
@@ -40,6 +42,12 @@ class Harmonic(Effect):
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return orders that complete a period within the angle covered, as finely as that angle can tell apart."""
         return [(order,) for order in orders(scene, joint, cls.highest, cls.periods)]
+
+    @classmethod
+    def reach(cls, scene: Scene, joint: int, shape: Sequence[float]) -> float:
+        """Return how far around an order it is refined: to those that look like it over the angle covered."""
+        span, _ = covered(scene, joint)
+        return min(max(NARROW, 2 * math.pi * ALIKE / max(span * shape[0], 1e-9)), super().reach(scene, joint, shape))
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:

@@ -104,7 +104,7 @@ def test_harmonics_need_a_period_within_the_angle_covered(planar_scene: Scene) -
         for joint in (0, 1):
             span = np.ptp(planar_scene.motion.theta[:, joint])
             grid = [order for (order,) in LIBRARY[name].grid(planar_scene, joint)]
-            assert min(grid) * span >= 2 * np.pi * (0.5 if name == "position_friction" else 1.0)
+            assert min(grid) * span >= 2 * np.pi * LIBRARY[name].periods
             assert {12.0, 20.0} <= set(grid)
 
 

@@ -25,7 +25,7 @@ class PositionFriction(Harmonic):
     shapes = (ORDER,)
     example = {"amplitude": 0.5, "phase": -2.0, "order": 3.0}
     highest = 30
-    periods = 0.5  # it flips with the direction of motion, which no other bend does
+    periods = 0.3  # it flips with the direction of motion, which no other bend does; of less, all orders are a line
 
     def columns(self, scene: Scene) -> Columns:
         """Return the sine and the cosine column in the motor row."""
