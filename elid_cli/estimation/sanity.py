@@ -109,7 +109,7 @@ def rotor_warnings(found: Identification) -> tuple[str, ...]:
 class _Fault(NamedTuple):
     """A fault of the inputs that is tried the other way."""
 
-    kind: Literal["torque", "positions", "gear", "swap", "unit"]
+    kind: Literal["torque", "positions", "axis", "gear", "swap", "unit"]
     joints: tuple[int, ...]
     words: str
 
@@ -125,9 +125,13 @@ def _told(gains: Sequence[tuple[float, _Fault]], names: Sequence[str]) -> list[t
     for gain, fault in gains:
         if fault.kind == "gear" and gain < most:
             continue
+        here = {other.kind: g for g, other in gains if other.joints == fault.joints}
+        either = max((here[kind] for kind in SIGNS if kind in here), default=0.0)
+        if fault.kind == "axis" and gain < either + AS_WELL:
+            continue
         if fault.kind in SIGNS:
-            rivals = [g for g, other in gains if other.kind in SIGNS and other.joints == fault.joints]
-            if gain < max(rivals):
+            rivals = [here[kind] for kind in SIGNS if kind in here]
+            if gain < either or here.get("axis", 0.0) >= either + AS_WELL:
                 continue
             if any(gain - AS_WELL < g < gain for g in rivals):
                 fault = fault._replace(words=_either_sign(names[fault.joints[0]]))
@@ -143,6 +147,13 @@ def _wrong_positions(name: str) -> str:
     return f"q and theta of {name} look as if their signs were wrong"
 
 
+def _wrong_axis(name: str) -> str:
+    return (
+        f"q, theta and tau of {name} look as if they all had the wrong sign, or its axis in the robot file points the "
+        "other way"
+    )
+
+
 def _either_sign(name: str) -> str:
     return f"{_wrong_sign(name)}, or those of q and theta of {name}"
 
@@ -153,10 +164,11 @@ def _others(
     """Yield what the log would be without a wrong sign, unit or exchange, and that fault."""
     robot, names = fit.model.robot, fit.model.robot.joint_names
     for k in moving if len(moving) > 1 else []:
+        other = observe(fit.model, replace(signals, motion=_turned_motion(fit.signals.motion, k)), mask=False)
+        yield turned(other, k), _Fault("axis", (k,), _wrong_axis(names[k]))
         # turning the others round fits as well; the joint whose own parameters are negative is the one
         if not negative or any(w.startswith(tuple(f"{kind}{k + 1} " for kind in POSITIVE)) for w in negative):
             yield turned(observation, k), _Fault("torque", (k,), _wrong_sign(names[k]))
-            other = observe(fit.model, replace(signals, motion=_turned_motion(fit.signals.motion, k)), mask=False)
             yield other, _Fault("positions", (k,), _wrong_positions(names[k]))
     for a, b in combinations(moving, 2):
         words = f"the torques of {names[a]} and {names[b]} look swapped"
@@ -165,12 +177,22 @@ def _others(
         if robot.joints[k].elastic and robot.joints[k].gear_ratio and robot.parents[k] >= 0:
             other = observe(Regressor(_geared(robot, k)), signals, mask=False)
             yield other, _Fault("gear", (k,), f"gear_ratio of {names[k]} looks as if its sign were wrong")
-    units = (("degrees: map them, and velocities, with unit: deg", np.pi / 180),
-             ("radians where degrees are declared", 180 / np.pi))  # fmt: skip
-    for label, factor in units:
-        scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
-        fault = _Fault("unit", tuple(moving), f"the positions look as if they were in {label}")
-        yield observe(fit.model, scaled, mask=False), fault
+    yield from _units(fit, signals, moving)
+
+
+def _units(fit: DefaultFit, signals: Signals, moving: Sequence[int]) -> Iterator[tuple[Observation, _Fault]]:
+    """Yield what the log would be with positions, of all joints or of one, from degrees or to them, and that fault."""
+    n, names = fit.model.robot.n, fit.model.robot.joint_names
+    for factor in (np.pi / 180, 180 / np.pi):
+        for only in (None, *(moving if len(moving) > 1 else ())):
+            factors = np.array([factor if only in (None, k) else 1.0 for k in range(n)])
+            key = "deg" if only is None else f"{{{names[only]}: deg}}"
+            whose = "the positions" if only is None else f"the positions of {names[only]}"
+            unit = f"degrees: map them, and velocities, with unit: {key}"
+            words = f"{whose} look as if they were in {unit if factor < 1 else 'radians where degrees are declared'}"
+            joints = tuple(moving) if only is None else (only,)
+            scaled = replace(signals, motion=_scaled(fit.signals.motion, factors))
+            yield observe(fit.model, scaled, mask=False), _Fault("unit", joints, words)
 
 
 def _by_negative_values(

@@ -126,6 +126,16 @@ def test_turned_positions_of_link_and_motor_are_told_from_a_turned_torque(joint:
     ]
 
 
+@pytest.mark.parametrize("joint", [0, 1])
+def test_an_axis_that_points_the_other_way_is_told_of_its_own_joint_alone(joint: int) -> None:
+    log = noisy(4)
+    turn = np.ones(2)
+    turn[joint] = -1.0
+    warnings = found(replace(log, q=turn * log.q, theta=turn * log.theta, tau=turn * log.tau)).warnings
+    (said,) = [line for line in warnings if "look" in line]
+    assert said.startswith(f"q, theta and tau of joint{joint + 1} look as if they all had the wrong sign, or its axis")
+
+
 def test_swapped_torques_are_named() -> None:
     log = noisy(4)
     assert any("look swapped" in line for line in found(replace(log, tau=log.tau[:, ::-1].copy())).warnings)
@@ -135,6 +145,17 @@ def test_degrees_are_named() -> None:
     log = noisy(4)
     degrees = replace(log, q=np.degrees(log.q), theta=np.degrees(log.theta))
     assert any("degrees" in line for line in found(degrees).warnings)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_degrees_of_one_joint_are_named_with_that_joint(joint: int) -> None:
+    log = noisy(4)
+    factor = np.ones(2)
+    factor[joint] = 180 / np.pi
+    warnings = found(replace(log, q=factor * log.q, theta=factor * log.theta)).warnings
+    (said,) = [line for line in warnings if "degrees" in line]
+    assert said.startswith(f"the positions of joint{joint + 1} look as if they were in degrees")
+    assert said.endswith(f"unit: {{joint{joint + 1}: deg}}")
 
 
 def test_a_wrong_gear_ratio_sign_is_named() -> None:

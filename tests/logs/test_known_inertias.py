@@ -89,6 +89,16 @@ def test_positions_of_another_size_are_doubted_and_not_the_torque(
     assert WRONG in said
 
 
+@pytest.mark.parametrize("joint", [1, 2])
+def test_of_one_joint_in_another_unit_that_one_is_named_and_proposed(robot: Robot, log: Log, joint: int) -> None:
+    factor = np.ones(robot.n)
+    factor[joint] = 180 / np.pi
+    (said,) = wrong_positions(Weighed(factor * log[0], log[1], DT, robot), PLAN)
+    name = robot.joint_names[joint]
+    assert said.startswith(f"positions of {name} look 57.3 times too large: ")
+    assert said.endswith(f'if so, map it: q: {{from: "q.{{joint}}", unit: {{{name}: deg}}}}')
+
+
 def test_what_is_written_of_positions_stays_in_what_is_proposed(robot: Robot, log: Log) -> None:
     written = {"scale": {"joint1": 2.0}}
     spec = SignalMap("q", "q.{joint}", scale=(2.0, *[1.0] * (robot.n - 1)), written=written)

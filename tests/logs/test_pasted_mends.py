@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.logs import read_map_options, read_recording
+from elid_cli.experiment.simulation import SimulationOptions, simulate
+from elid_cli.logs import read_map_options, read_recording, write_recording
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
@@ -124,3 +125,24 @@ def test_where_positions_run_opposite_the_torque_is_not_blamed(tmp_path: Path) -
     assert not about(sound, "described bodies")
     assert about(turned, "moves opposite")
     assert not about(turned, "described bodies")
+
+
+@pytest.mark.parametrize("joint", ["joint1", "joint2"])
+def test_one_joint_in_degrees_is_told_without_what_follows_of_it_and_mended_alone(tmp_path: Path, joint: str) -> None:
+    """Its deflection is in degrees, too: that says nothing of its encoders' zeros, nor of its torque."""
+    robot = read_robot("planar2")
+    log = simulate(robot, SimulationOptions(duration=8.0, rate=200.0, seed=1))
+    factor = np.where(np.array(robot.joint_names) == joint, 180 / np.pi, 1.0)
+    wrong = replace(log, q=factor * log.q, theta=factor * log.theta, sources={}, files=())
+    path = str(tmp_path / "log.csv")
+    write_recording(wrong, path)
+    said = read_recording([path], robot).warnings
+    (line,) = about(said, "times too large")
+    assert line.startswith(f"positions of {joint} look 57.3 times too large")
+    assert not about(said, "away from q")
+    assert not about(said, "looks like a current")
+    assert all(f"unit: {{{joint}: deg}}" in other for other in about(said, "map it"))
+    maps = [read_map_options([entry]) for entry in re.findall(r"map it: (\w+: \{.*?\}\})", line)]
+    got = read_recording([path], robot, {name: spec for one in maps for name, spec in one.items()})
+    assert np.abs(got.q - log.q).max() < 1e-6
+    assert np.abs(got.theta - log.theta).max() < 1e-6

@@ -19,7 +19,7 @@ from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.late_velocities import late_velocities
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
-from elid_cli.logs.checks.position_scale import wrong_positions
+from elid_cli.logs.checks.position_scale import position_factor, position_words
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.spring_torques import Sprung, spring_suspicions
 from elid_cli.logs.checks.stops import at_stops
@@ -73,7 +73,10 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     compared = [pair for pair in pairs if pair is not None]
     if not any(pair.opposite for pair in compared):  # else the torques would be blamed for the positions
-        found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
+        said, doubted = _described(checked, sides, whole, aligned.dt, robot, plan)
+        found.extend(said)
+        # a deflection in another unit says nothing of zeros and torques
+        compared = [pair for pair in compared if pair.j not in doubted]
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
         found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
@@ -95,28 +98,33 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
 
 def _far(positions: Array, robot: Robot) -> Iterator[str]:
     """Name joints that go farther than robots' joints do, positions (N, n)."""
-    for k, joint in enumerate(robot.joints):
-        known = positions[np.isfinite(positions[:, k]), k]
-        reach = float(np.abs(known).max()) if known.size else 0.0
-        if reach > FAR:
+    reach = np.nanmax(np.abs(positions), axis=0, initial=0.0)
+    some = np.any(reach <= FAR)
+    for joint, size in zip(robot.joints, reach.tolist(), strict=True):
+        if size > FAR:
             unit, other, key = ("rad", "degrees", "deg") if joint.revolute else ("m", "mm", "mm")
-            yield f"{joint.name}: its position reaches {reach:.4g} {unit}: if it is in {other}, map it with unit: {key}"
+            key = f"{{{joint.name}: {key}}}" if some else key
+            yield f"{joint.name}: its position reaches {size:.4g} {unit}: if it is in {other}, map it with unit: {key}"
 
 
 def _described(
     checked: Checked, positions: Array, part: slice, dt: float, robot: Robot, plan: ReadPlan
-) -> Iterator[str]:
-    """Compare torques with weight and inertia of the described bodies, by what the robot's file says of them."""
+) -> tuple[list[str], list[int]]:
+    """Compare torques with weight and inertia of the described bodies, by what the robot's file says of them.
+
+    Returned are sentences, and the joints whose positions these say to be in another unit.
+    """
     sensed = checked.optional.get("tau_link")
     alone = sensed is not None and np.isnan(checked.tau).all()
     signal, torque = ("tau_link", sensed) if sensed is not None and alone else ("tau", checked.tau)
     log = Weighed(positions, torque[part], dt, robot)
-    told = list(wrong_positions(log, plan))  # the torques would be blamed for the positions
+    wrong = position_factor(log)
+    if wrong is not None:  # the torques would be blamed for the positions
+        return [position_words(wrong, robot, plan)], np.flatnonzero(wrong.joints).tolist()
     computed = bool(checked.computed) and not alone
-    yield from told or wrong_scales(log, plan, signal=signal, computed=computed)
-    if not told:
-        motors = np.where(np.isnan(checked.theta[part]), positions, checked.theta[part])
-        yield from wrong_times(log, motors, signal=signal)
+    motors = np.where(np.isnan(checked.theta[part]), positions, checked.theta[part])
+    said = [*wrong_scales(log, plan, signal=signal, computed=computed), *wrong_times(log, motors, signal=signal)]
+    return said, []
 
 
 def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:
