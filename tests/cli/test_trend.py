@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from elid_cli.cli import main
+from elid_cli.errors import UsageError
+from elid_cli.estimation.comparison import SavedResult, result_of
 
 
 @pytest.fixture
@@ -74,3 +76,25 @@ def test_options_of_logs_are_not_passed_over(files: list[str], capsys: pytest.Ca
     assert warnings([*files[:3], *given], capsys) == [
         "--lock and --cutoff are not used here: all recordings are results, which were identified before"
     ]
+
+
+def test_a_log_that_it_identifies_itself_tells_what_a_saved_result_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its temperature, what it is recognised by, and what was warned of it."""
+    log = str(tmp_path / "warm.csv")
+    assert main(["simulate", "--robot", "planar2", "--temperature", "--duration", "6", "-o", log]) == 0
+    capsys.readouterr()
+    assert main(["identify", log, "--robot", "planar2", "--json"]) == 0
+    saved = result_of(json.loads(capsys.readouterr().out), log)
+    assert saved.temperature is not None
+    given: list[SavedResult] = []
+
+    def seen(results: list[SavedResult], *_: Any) -> None:
+        given.extend(results)
+        raise UsageError("seen")
+
+    monkeypatch.setattr("elid_cli.estimation.trend.trends.trend", seen)
+    assert main(["trend", log, "--robot", "planar2"]) == 2
+    (found,) = given
+    assert (found.temperature, found.logs, found.warnings) == (saved.temperature, saved.logs, saved.warnings)

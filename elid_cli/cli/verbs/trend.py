@@ -116,6 +116,8 @@ def _identified(source: Source, output: Output) -> SavedResult:
     from elid_cli.cli.inputs import load_robot, log_request
     from elid_cli.estimation.comparison import result_of
     from elid_cli.estimation.identify import EstimateOptions, identify_logs
+    from elid_cli.report.answers.identification_json import identification_payload
 
     request = log_request(source, load_robot(source.robot), Spread(), output, None)
-    return result_of(identify_logs(request, EstimateOptions(fit="torque")).found.to_dict(), source.logs[0])
+    found = identify_logs(request, EstimateOptions(fit="torque"))
+    return result_of(identification_payload(found.found, found.recording), source.logs[0])

@@ -25,8 +25,8 @@ from elid_cli.estimation.trend.series import LEAST, Series, line_of, two_sided
 
 LEADER = re.compile(r"([A-Za-z]+)(\d+)(?: |$)")
 """Kind and joint of a base parameter's leading term."""
-JOINTS = 4
-"""Fewest joints of a family."""
+JOINTS = 3
+"""Fewest joints of a family: without any one of them two must still agree."""
 NEARLY = 0.1
 """Part of the p-value without one joint that counts: fewer joints tell less."""
 CLEAR = 5.0

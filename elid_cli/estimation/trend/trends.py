@@ -66,6 +66,8 @@ class Trends(Shown):
     """Recordings that are far from all others, and left out of everything else."""
     warnings: tuple[str, ...] = ()
     """What results warn of, with their files; which are the same result, or of the same log."""
+    conditions: tuple[str, ...] = ()
+    """What all recordings tell beside time that joints together are compared with: ``temperature``, ``delay``."""
 
     def joint_of(self, item: Trend) -> str:
         """Return the joint of a parameter: that of a sum's leading term, or the one that its name ends in."""
@@ -154,7 +156,7 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     judged = tuple(replace(kind, explained=explained(kind, conditions)) if kind.word != "steady" else kind
                    for kind in kinds)  # fmt: skip
     return Trends(read[0].robot, tuple(r.file for r in read), trends, read[0].joints, axis, judged, apart,
-                  (*again, *warnings_of(read)))  # fmt: skip
+                  (*again, *warnings_of(read)), tuple(conditions))  # fmt: skip
 
 
 def _estimates(read: Sequence[SavedResult], places: Array) -> Estimates:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
+from elid_cli.estimation.trend.families import JOINTS
 from elid_cli.estimation.trend.trends import Trend, Trends
 from elid_cli.report.answers.summary import called, counted
 from elid_cli.report.answers.trend_apart import (
@@ -120,7 +121,11 @@ def _disagreeing(found: Trends) -> str:
     if not apart:
         return "No parameter scatters farther than errors, trends and steps explain."
     names = counted([called(item.series.name) for item in apart], ", ")
-    return f"{names}: recordings differ by more than their errors say, and no trend explains it."
+    told = f"{names}: recordings differ by more than their errors say, and no trend explains it."
+    together = {name for family in found.families for name in family.names}
+    if "temperature" in found.conditions and not any(item.series.name in together for item in apart):
+        told += f" Their temperature was not tried: that needs parameters of one kind at {JOINTS} joints."
+    return told
 
 
 def _tables(found: Trends) -> list[Section]:

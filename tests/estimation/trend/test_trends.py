@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,28 @@ def test_friction_goes_with_temperature_where_it_was_logged() -> None:
     both = explanations(values, {"time": np.arange(5.0), "temperature": warm})
     assert [e.ruled_out for e in both] == [False, False]
     assert explanations(rng.standard_normal(4), {"time": np.arange(4.0)}) == ()
+
+
+@pytest.mark.parametrize("joints", [2, 3])
+def test_three_joints_suffice_to_try_the_temperature_and_of_two_it_is_said_that_it_was_not(joints: int) -> None:
+    rng = np.random.default_rng(3)
+    warm = 25.0 + 5.0 * rng.standard_normal(12)
+    scatter = 1.0 + 0.005 * rng.standard_normal((joints, 12)) - 0.012 * (warm - 25.0)
+    columns = {f"fv{k + 1}": value * row for k, (value, row) in enumerate(zip((4.0, 5.0, 3.0), scatter, strict=False))}
+    results = machine(columns, 0.01)
+    found = trend([replace(result, temperature=float(t)) for result, t in zip(results, warm, strict=True)])
+    said = str(found)
+    assert ("temperature was not tried" in " ".join(said.split())) == (joints < 3)
+    assert [family.explained[0].by for family in found.families] == ["temperature"] * (joints > 2)
+
+
+def test_three_joints_that_scatter_by_themselves_are_steady() -> None:
+    rng, named = np.random.default_rng(4), 0
+    for _ in range(60):
+        values = np.array([6.0, 2.5, 0.9]) * (1.0 + np.array([0.05, 0.01, 0.02]) * rng.standard_normal((12, 3)))
+        (family,) = trend(machine({f"fv{k + 1}": column for k, column in enumerate(values.T)}, 0.02)).families
+        named += family.word != "steady"
+    assert named <= 2
 
 
 def test_the_lead_of_one_explanation_is_by_chance_as_often_as_said() -> None:
