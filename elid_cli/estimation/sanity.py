@@ -65,6 +65,11 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     moving = [k for k in range(fit.model.robot.n) if not fit.signals.still[k]]
     others = _others(fit, signals, observation, negative, moving)
     gains = [(now - misfit(other, base), fault) for other, fault in others]
+    # positions that are too large in any unit fit better where they are made small
+    gains = [
+        (gain, fault) for gain, fault in gains
+        if gain <= BETTER or not fault.of_one_unit(len(moving)) or _is_best(fit, signals, fault, now - gain)
+    ]  # fmt: skip
     enough = max((gain for gain, _ in gains), default=0.0)
     if now - enough < len(observation.groups) * np.log(BAD):  # one fault explains all: others would only imitate it
         gains = [(gain, fault) for gain, fault in gains if gain > enough - AS_WELL]
@@ -112,6 +117,12 @@ class _Fault(NamedTuple):
     kind: Literal["torque", "positions", "axis", "gear", "swap", "unit"]
     joints: tuple[int, ...]
     words: str
+    factor: float = 1.0
+    """By which positions are multiplied."""
+
+    def of_one_unit(self, moving: int) -> bool:
+        """Whether it is the unit of some of so many joints that move."""
+        return self.kind == "unit" and len(self.joints) < moving
 
 
 def _told(gains: Sequence[tuple[float, _Fault]], names: Sequence[str]) -> list[tuple[float, _Fault]]:
@@ -185,14 +196,25 @@ def _units(fit: DefaultFit, signals: Signals, moving: Sequence[int]) -> Iterator
     n, names = fit.model.robot.n, fit.model.robot.joint_names
     for factor in (np.pi / 180, 180 / np.pi):
         for only in (None, *(moving if len(moving) > 1 else ())):
-            factors = np.array([factor if only in (None, k) else 1.0 for k in range(n)])
             key = "deg" if only is None else f"{{{names[only]}: deg}}"
             whose = "the positions" if only is None else f"the positions of {names[only]}"
             unit = f"degrees: map them, and velocities, with unit: {key}"
             words = f"{whose} look as if they were in {unit if factor < 1 else 'radians where degrees are declared'}"
             joints = tuple(moving) if only is None else (only,)
+            factors = np.array([factor if only in (None, k) else 1.0 for k in range(n)])
             scaled = replace(signals, motion=_scaled(fit.signals.motion, factors))
-            yield observe(fit.model, scaled, mask=False), _Fault("unit", joints, words)
+            yield observe(fit.model, scaled, mask=False), _Fault("unit", joints, words, factor)
+
+
+def _is_best(fit: DefaultFit, signals: Signals, fault: _Fault, left: float) -> bool:
+    """Whether positions of one joint that are twice as large, or half, leave more than in the unit of a fault."""
+    for size in (0.5, 2.0):
+        factors = np.ones(fit.model.robot.n)
+        factors[list(fault.joints)] = size * fault.factor
+        other = observe(fit.model, replace(signals, motion=_scaled(fit.signals.motion, factors)), mask=False)
+        if misfit(other, fit.base.count) < left:
+            return False
+    return True
 
 
 def _by_negative_values(

@@ -158,6 +158,13 @@ def test_degrees_of_one_joint_are_named_with_that_joint(joint: int) -> None:
     assert said.endswith(f"unit: {{joint{joint + 1}: deg}}")
 
 
+@pytest.mark.parametrize("size", [6.0, 20.0])
+def test_positions_of_one_joint_that_are_merely_too_large_are_not_called_degrees(size: float) -> None:
+    """Made 57 times smaller they fit better, too; they would fit still better at another size."""
+    log, factor = noisy(4), np.array([1.0, size])
+    assert not any("degrees" in w for w in found(replace(log, q=factor * log.q, theta=factor * log.theta)).warnings)
+
+
 def test_a_wrong_gear_ratio_sign_is_named() -> None:
     joints = (PLANAR.joints[0], replace(PLANAR.joints[1], gear_ratio=-0.1))
     assert any("gear_ratio of joint2" in w for w in found(noisy(4), replace(PLANAR, joints=joints)).warnings)

@@ -113,7 +113,7 @@ def test_the_command_says_what_it_writes(noisy: Recording, tmp_path: Path, capsy
 
 
 def test_no_value_counts_as_known_where_a_joint_moves_far_beyond_its_range(planar: Robot, noisy: Recording) -> None:
-    turned = np.array([1.0, 180.0 / np.pi])
+    turned = np.array([1.0, 20.0])  # in no unit that there is: degrees of one joint would be told by the fit
     far = replace(noisy, q=noisy.q * turned, theta=noisy.theta * turned)
     assert all(item.bias_possible for item in identify(planar, prepare(far, planar)).parameters)
     assert not any(item.bias_possible for item in identify(planar, prepare(noisy, planar)).parameters)
