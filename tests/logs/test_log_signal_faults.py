@@ -474,5 +474,6 @@ def test_a_slide_in_millimetres_is_noticed(tmp_path: Path, sides: tuple[str, ...
     large = {side: np.where(np.arange(3) == 2, 1000.0, 1.0) * getattr(base, side) for side in sides}
     gone = {} if "q" in sides else {"q": np.full_like(base.q, np.nan)}
     got = read_recording([written(tmp_path, "log.csv", like(base, **large, **gone))], robot)
-    assert any(text.startswith("wrist: its position reaches") and "unit: mm" in text for text in got.warnings)
+    (said,) = [text for text in got.warnings if text.startswith("wrist: its position reaches")]
+    assert said.endswith("map it with unit: {wrist: mm}")
     assert not any("position reaches" in text for text in read(written(tmp_path, "plain.csv", base)).warnings)
