@@ -7,19 +7,18 @@ from elid_cli.model.effects.scene import Scene
 
 
 class HeldLoop(Effect):
-    """A drive whose loop runs at the log's rate: its torque is held from one sample to the next.
+    """A drive whose loop runs at the log's rate, or another one: its torque is held for a period.
 
-    It acts in the simulated motion, and in a torque that is computed from the log (`of_drives.with_held_loops`), of
-    logs whose sample time is the period; it has no column.
+    It acts in the simulated motion, and in a torque that is computed from the log (`of_drives.with_held_loops`); it has
+    no column.
     """
 
     name = "held_loop"
     summary = "loop of the drive that is computed once per period, its torque held"
     equation = "drive: kp (q_des - q) + kd (dq_des - dq) at the start of every period, in place of at every instant"
     physics = (
-        "The loop runs on the computer that logs, or in a simulator's controller, as often as is logged. Positions and"
-        " velocities act late by half a period: a model without it finds viscous friction too small by kp, and inertia"
-        " by kd, times that."
+        "The loop runs on the computer that logs, or in a simulator's controller. Positions and velocities act late by"
+        " half a period: a model without it finds viscous friction too small by kp, and inertia by kd, times that."
     )
     typical = "1-10 ms"
     fingerprint = "all drives, fast motion: viscous friction and inertia too small, and what the steps of torque leave"
