@@ -44,6 +44,8 @@ class SavedDistribution:
     """Offsets and delays of drives that a fit of simulated motion found beside: ``torque_offset hip``."""
     bodies_held: bool = False
     """Whether it is a fit of simulated motion, which has the bodies of the robot file."""
+    loop: float = 0.0
+    """Longest period, s, of a drive's loop that its motion does not tell from none; 0 where it was not asked."""
     lacking: tuple[tuple[str, str | None], ...] = ()
     """Effects that a diagnosis found the robot to lack, each with its joint; None: of the whole robot."""
 
@@ -110,6 +112,7 @@ def distribution_of(data: Mapping[str, Any], path: str) -> SavedDistribution:
         biased=np.array([e.get("bias_possible") is True for e in entries]),
         channels=_channels(data),
         bodies_held=data.get("estimator") == "trajectory",
+        loop=_loop(data),
         lacking=_lacking(data),
     )
     if len(set(found.names)) < len(found.names):
@@ -133,6 +136,14 @@ def _lacking(data: Mapping[str, Any]) -> tuple[tuple[str, str | None], ...]:
         return ()
     named = ((str(e.get("effect")), e.get("joint")) for e in found if isinstance(e, Mapping))
     return tuple(dict.fromkeys((effect, None if joint is None else str(joint)) for effect, joint in named))
+
+
+def _loop(data: Mapping[str, Any]) -> float:
+    """Return up to which period a drive's loop is left open by a fit of simulated motion, s; 0: none."""
+    settings = data.get("settings")
+    trajectory = settings.get("trajectory") if isinstance(settings, Mapping) else None
+    found = trajectory.get("unseen_loop") if isinstance(trajectory, Mapping) else None
+    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else 0.0
 
 
 def _well_formed(entry: Any) -> bool:

@@ -96,7 +96,7 @@ def sample(
     found = pooled(told)
     generator = np.random.default_rng(seed)
     values = draw_sets(found.mean, found.covariance, found.positive, count, generator)
-    notes = [*_held_words(found), *_channel_words(told)]
+    notes = [*_held_words(found), *_channel_words(told), *_loop_words(told)]
     if robot is None:
         return ParameterSets(found, found.names, found.units, found.origin, values, seed, tuple(notes))
     _check_complete(told, robot)
@@ -147,6 +147,18 @@ def _channel_words(results: Sequence[SavedDistribution]) -> list[str]:
     listed = ", ".join(f"{kind} of {len(joints)} joint{'s' * (len(joints) > 1)}" for kind, joints in kinds.items())
     return [f"not drawn, as they belong to the drives and not to the robot: {listed}; a simulation needs them as "
             "well (elid identify --write-actuators)"]  # fmt: skip
+
+
+def _loop_words(results: Sequence[SavedDistribution]) -> list[str]:
+    """Return that a drive's loop, which the motion leaves open, is not drawn; none where no result says so."""
+    period = max(result.loop for result in results)
+    if not period:
+        return []
+    return [
+        f"not drawn: a drive's loop that holds its torque for up to {1e3 * period:.2g} ms, with which viscous friction "
+        "is larger by kp, motor inertia by kd times half its period. The sets are of drives that act all the time "
+        "(held_loop in the robot file of identify tells the period)"
+    ]
 
 
 def _held_words(found: Distribution) -> list[str]:

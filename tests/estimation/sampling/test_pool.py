@@ -50,6 +50,16 @@ def test_offsets_of_drives_are_said_not_to_be_drawn() -> None:
     assert "and not to the robot: torque_offset of 2 joints" in words
 
 
+def test_a_loop_that_the_motion_leaves_open_is_said_not_to_be_drawn() -> None:
+    one = result(np.array([3.0, 1.0, 2.0]))
+    (words,) = sample([replace(one, loop=0.0021), one], 2).notes
+    assert "holds its torque for up to 2.1 ms" in words
+    entry = {"name": "fv1", "unit": "N·m·s/rad", "terms": {"fv1": 1.0}, "estimate": 1.0, "reference": None}
+    told = {"base_parameters": [entry], "covariance": [[0.1]], "joints": ["one"]}
+    assert distribution_of(told, "r.json").loop == 0.0
+    assert distribution_of({**told, "settings": {"trajectory": {"unseen_loop": 0.004}}}, "r.json").loop == 0.004
+
+
 def test_a_robot_that_lacks_what_a_diagnosis_found_is_refused() -> None:
     robot = read_robot("planar2")
     file = dict(zip(map(str, robot.parameter_names()), robot.reference().tolist(), strict=True))["fv1"]
