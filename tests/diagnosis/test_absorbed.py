@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,7 +12,8 @@ import pytest
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.state import fit, refreshed
-from elid_cli.diagnosis.search.absorbed import _amplitudes, _chance
+from elid_cli.diagnosis.search.absorbed import _amplitudes, _chance, _without_outgrown
+from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.diagnosis_tables import effect_sections
@@ -148,3 +151,19 @@ def test_a_gain_that_shows_at_another_joint_is_told_with_its_own_joint_and_the_o
     table, *_ = effect_sections(DiagnosisInput(found, *models, shown, found.recording, "arm.yaml"))
     assert isinstance(table, Table)
     assert table.rows[0][1:3] == ("j2", "whole joint of j1")
+
+
+@pytest.mark.parametrize(("there", "kept"), [(False, ["torque_gain"]), (True, ["link_spring", "torque_gain"])])
+def test_what_made_up_for_it_goes_with_it(*, there: bool, kept: list[str]) -> None:
+    """A spring that a search had found stayed, -0.0004 ± 0.0026 N·m/rad, once an encoder's zero explained it."""
+    made, spring, gain = rigid(1), effect_classes()["link_spring"], effect_classes()["torque_gain"]
+    laws = with_gain()
+    laws.link += with_spring(made).link if there else []
+    log = recorded(made, log_of(made, laws), db=0.0, counts=2.0**16, torque=0.01, colour=0.0, seed=1)
+    parted = divided(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)))
+    effects = (spring(JOINT if there else 2), gain(JOINT))
+    state = refreshed(fit(parted, effects))
+    steps = tuple(cast("Step", SimpleNamespace(candidate=SimpleNamespace(effect=effect))) for effect in effects)
+    left = _without_outgrown(Found(state, state, steps, (), 0))
+    assert [effect.name for effect in left.after.effects] == kept
+    assert [step.candidate.effect.name for step in left.steps] == kept
