@@ -130,7 +130,8 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     if not bound and not matters(fit, recording).any():
         return fit
     tried = _every(free, recording.dt) if bound else _foreseen(free, recording.dt, much, step=step)
-    longest = by_motion(free, _near(free, tried), recording.dt) if step else by_delay(free, recording)
+    told = step or not recording.doubted  # loops that are told commands between samples are not simulated
+    longest = by_motion(free, _near(free, tried), recording.dt) if told else by_delay(free, recording)
     if not tried:
         return replace(fit, unseen=longest)
     if much and max(nearer_by(one, free) for one in tried.values()) < much:

@@ -76,7 +76,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
         said, doubted = _described(checked, sides, whole, aligned.dt, robot, plan)
         found.extend(said)
         # a deflection in another unit says nothing of zeros and torques
-        compared = [pair for pair in compared if pair.j not in doubted]
+        compared = [pair for pair in compared if pair.j not in doubted] or compared
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
         found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
