@@ -14,7 +14,7 @@ import numpy as np
 from elid_cli.errors import DataError, LogError
 from elid_cli.estimation.commanded_rates import rated, with_rates
 from elid_cli.estimation.result import EstimateOptions, Identification
-from elid_cli.estimation.trajectory.nearer import nearer_by_motion
+from elid_cli.estimation.trajectory.nearer import is_quick, nearer_by_motion
 from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
@@ -23,8 +23,9 @@ from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, check_signals, prepare
 from elid_cli.signals.stepping_commands import commands_step
 
-STAIRS = 0.1
-"""Part of the torques' error that the stairs of held commands are beyond a delay, from which the motion is asked."""
+STAIRS, QUICKLY = 0.4, 0.1
+"""Part of the torques' error that the stairs of held commands are beyond a delay, from which the motion is asked; the
+latter where that is quick."""
 AHEAD = 0.25
 """Part of a sample by which the torque must seem ahead of held commands where no motion can be simulated: half of one
 where they change all the time."""
@@ -129,7 +130,9 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool | None:
     ahead = late < -AHEAD * held.dt
     named = zip(before.robot.parameter_names(), before.standard.tolist(), strict=True)
     driving = late < 0.5 * held.dt and any(name.kind == "fv" and value < 0 for name, value in named)
-    doubted = late < -EARLIEST * held.dt or driving or _stairs(held, before) > STAIRS
+    doubted = (
+        late < -EARLIEST * held.dt or driving or _stairs(held, before) > (QUICKLY if is_quick(robot, held) else STAIRS)
+    )
     if not doubted:
         return None
     nearer = nearer_by_motion(robot, held, smooth)

@@ -23,8 +23,10 @@ REMEMBERED = 0.2
 """… or per joint, where the errors have a memory: what the model lacks is nearer with one of the two as well."""
 THROUGHOUT = 4.0
 """Standard errors over the course of the log from which that is enough per joint where the nearer one leaves noise."""
-LONGEST = 3.0
+LONGEST = 4.0
 """Seconds that each of the two fits may take, about."""
+SOFTER = 5.0
+"""Times as long as it takes where friction may fade in: it may where that is short enough."""
 SHORTEST = 100
 """Samples of a stretch that is looked at."""
 
@@ -58,10 +60,10 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
     robot = without_shapes(robot)
     if not is_known(robot):
         return None
-    part = min(1.0, LONGEST / seconds(robot, one))
+    part, soft = min(1.0, LONGEST / seconds(robot, one)), is_quick(robot, one)
     try:
         # a simulator's steps, too, seem half a sample ahead of held commands
-        fits = [with_steps(_fit(robot, posed(robot), log, part), log) for log in (one, other)]
+        fits = [with_steps(_fit(robot, posed(robot), log, part, soft=soft), log) for log in (one, other)]
     except (DataError, LogError, RobotError):
         return None
     if loops:
@@ -77,7 +79,14 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
     return Nearer(by if abs(by) > least else 0.0, left, (first, second), bool(at_bound(fits[1]).any()))
 
 
-def _fit(robot: Robot, standing: Robot, log: Signals, part: float) -> TrajectoryFit:
+def is_quick(robot: Robot, log: Signals) -> bool:
+    """Whether the motion of a log is simulated fast enough for friction that may fade in."""
+    from elid_cli.estimation.trajectory.unasked import seconds
+
+    return SOFTER * seconds(robot, log) <= LONGEST
+
+
+def _fit(robot: Robot, standing: Robot, log: Signals, part: float, *, soft: bool) -> TrajectoryFit:
     from elid_cli.estimation.trajectory.beginning import started_from
     from elid_cli.estimation.trajectory.decided import fit_trajectory
     from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along
@@ -85,7 +94,7 @@ def _fit(robot: Robot, standing: Robot, log: Signals, part: float) -> Trajectory
     assert log.recording is not None
     acting = as_acting(robot, log)
     runs = commanded_runs(_middle(log.recording, part), standing)
-    return fit_trajectory(standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]))
+    return fit_trajectory(standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]), soft=soft)
 
 
 def _middle(recording: Recording, part: float) -> Recording:
