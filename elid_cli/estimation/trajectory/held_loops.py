@@ -56,8 +56,8 @@ PERIODS = 2e-3, 2.5e-3, 4e-3, 5e-3, 8e-3, 1e-2
 """… and their usual periods, s, which need be no part of a sample."""
 MOST, EXACTLY = 20, 2e-3
 """Most parts of a sample at which loops may run, and part by which their periods may be off these."""
-SLIGHT = 5e-4
-"""s by which a delay may be off whole periods in any case: half a step of many simulators."""
+SLIGHT, SURELY = 5e-4, 1.5e-4
+"""s by which a delay may be off whole periods in any case, half a step of many simulators; and in these steps."""
 ELSEWHERE = 1.0
 """Sum over the joints of the logarithm by which loops are farther that take commands at another time."""
 PROBED = 2.5e-3, 5e-3
@@ -234,7 +234,8 @@ def _beside(
 def can_delay(fit: TrajectoryFit, period: float) -> bool:
     """Whether loops of a period, s, make commands that step as late as the motion has them: by whole periods."""
     apart = np.abs(fit.delays - np.round(fit.delays / period) * period)
-    return bool((apart <= max(WHOLE * period, SLIGHT)).all())
+    stepped = any(item.run.drives.stepped is not None for item in fit.tracked)
+    return bool((apart <= (SURELY if stepped else max(WHOLE * period, SLIGHT))).all())
 
 
 def _near(fit: TrajectoryFit, found: dict[float, TrajectoryFit]) -> dict[float, TrajectoryFit]:
