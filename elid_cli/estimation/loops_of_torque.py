@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.estimation.result import Identification
+from elid_cli.model.drives import lost_to_holding
 from elid_cli.model.effects.of_drives import declared_loops
 from elid_cli.signals.recording import Recording
 
@@ -23,11 +24,10 @@ def with_loop_words(found: Identification, recording: Recording | None) -> Ident
     """
     if recording is None or not {"kp", "kd"} <= recording.commands.keys() or declared_loops(found.robot).any():
         return found
-    gains = {name: np.nan_to_num(np.nanmean(recording.commands[name][:, recording.commanded], axis=0))
-             for name in ("kp", "kd")}  # fmt: skip
-    less = {name: np.zeros(found.robot.n) for name in gains}
-    for name, values in gains.items():
-        less[name][recording.commanded] = 0.5 * MILLISECOND * values
+    less = {name: np.zeros(found.robot.n) for name in ("kp", "kd")}
+    for name, own in less.items():
+        gains = np.nan_to_num(np.nanmean(recording.commands[name][:, recording.commanded], axis=0))
+        own[recording.commanded] = lost_to_holding(MILLISECOND, gains)
     friction = {
         item.leader.joint: item for item in found.parameters
         if item.leader.kind == "fv" and item.name == str(item.leader) and item.verdict == "supported"

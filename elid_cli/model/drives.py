@@ -54,6 +54,16 @@ def parts_of_loops(often: Array) -> Array:
     return np.maximum(np.reshape(np.array(parts, dtype=float), np.shape(often)), 1.0)
 
 
+def lost_to_holding(period: float, gain: Array) -> Array:
+    """Return what drives that hold their torque for a period, s, lack beside ones that act all the time.
+
+    To first order: the torque is half a period late on average. Of a gain kp, N·m/rad, that takes as much viscous
+    friction from the joint, N·m·s/rad; of kd, N·m·s/rad, as much inertia, kg·m². Of any shape.
+    """
+    found: Array = 0.5 * period * gain
+    return found
+
+
 def filter_weights(smoothing: Array, h: float) -> tuple[Array, Array, Array, Array]:
     """Return how filters of velocity come along in a step of `h` s, over which the velocity goes straight.
 

@@ -1,4 +1,6 @@
-"""Drives whose loops run at the log's rate, or some times as often, and hold their torque: what the motion says of it.
+"""Drives whose loops compute their torque now and then, and hold it until the next time: what the motion says of it.
+
+Their period may be a sample of the log, a part of it, or longer.
 
 To first order half a period's delay of positions and velocities is viscous friction and inertia: kp times that less of
 the one, kd times that less of the other. What is left of it beyond that, of second order, shows in fast motion where
@@ -24,7 +26,7 @@ from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.timing_doubts import counting, step_of
 from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.estimation.trajectory.unseen_loops import LITTLE, SHORTEST, by_delay, by_motion
-from elid_cli.model.drives import parts_of_loops
+from elid_cli.model.drives import lost_to_holding, parts_of_loops
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops
 from elid_cli.model.runs import Run
@@ -77,8 +79,7 @@ SHOWN, SMALL = 3.0, 0.03
 def less_by_holding(fit: TrajectoryFit, recording: Recording) -> Array:
     """Return by how much inertia and viscous friction come out too small beside loops that may hold, (n, 2)."""
     gains = np.stack([np.nanmean(recording.commands[name], axis=0) for name in ("kd", "kp")], axis=1)
-    found: Array = 0.5 * (recording.dt if fit.unseen is None else fit.unseen) * gains
-    return found
+    return lost_to_holding(recording.dt if fit.unseen is None else fit.unseen, gains)
 
 
 def matters(fit: TrajectoryFit, recording: Recording) -> NDArray[np.bool_]:
@@ -104,12 +105,13 @@ def _plain(run: Run) -> bool:
 def at_bound(fit: TrajectoryFit) -> NDArray[np.bool_]:
     """Return the joints whose viscous friction is held at 0 where loops that hold would take it away, (n,)."""
     run, viscous = fit.tracked[0].run, fit.values[:, KINDS.index("viscous")]
-    found: NDArray[np.bool_] = fit.shown[:, 2] & (viscous <= NONE * 0.5 * run.dt * run.drives.kp) & (run.drives.kp > 0)
+    lost = lost_to_holding(run.dt, run.drives.kp)
+    found: NDArray[np.bool_] = fit.shown[:, 2] & (viscous <= NONE * lost) & (lost > 0)
     return found
 
 
 def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | None = None) -> TrajectoryFit:
-    """Return the fit under drives that hold their torque, for a sample or a part of it, where that is clearly nearer.
+    """Return the fit under drives that hold their torque for a period of their own, where that is clearly nearer.
 
     A fit of loops that act all the time, which is clearly nearer and leaves the encoders' noise, says so
     (`TrajectoryFit.at_once`). One of a robot that declares its loops, and one that leaves more than noise, is returned.
@@ -297,7 +299,7 @@ def of_loops(fit: TrajectoryFit, often: float, dt: float) -> TrajectoryFit | Non
     z = fit.z.copy()
     for kind, gains in (("inertia", [own.kd for own in drives]), ("viscous", [own.kp for own in drives])):
         # what holding takes from them: without, as where a fit's friction is held at 0, the motion may run away
-        z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] += 0.5 * dt / often * np.mean(gains, axis=0)
+        z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] += lost_to_holding(dt / often, np.mean(gains, axis=0))
     if bound:  # the delay makes up for friction that the fit may not have
         z[fit.unknowns.delays] = np.round(periods) * dt / parts
     return refitted(fit, [item.run.holding(times) for item in fit.tracked], z)

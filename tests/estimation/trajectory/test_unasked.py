@@ -332,6 +332,15 @@ def test_a_loop_that_holds_its_torque_is_told_with_its_size(made: tuple[Robot, R
     assert f"kd times half of that, up to {plant.KD[0] * period / 2:.2g} kg·m² (one)" in note
 
 
+def test_least_squares_tell_what_a_loop_changes(made: tuple[Robot, Recording, str]) -> None:
+    robot, recording, _ = made
+    loops = [line for line in found_of(robot, recording, fit="torque").warnings if "every millisecond" in line]
+    (line,) = loops
+    assert f"by {plant.KP[0] * 5e-4:.2g} N·m·s/rad and {plant.KD[0] * 5e-4:.2g} kg·m² (one)" in line
+    told = replace(robot, effects=tuple(EffectSpec("held_loop", name, {"period": plant.DT}) for name in plant.NAMES))
+    assert not any("every millisecond" in line for line in found_of(told, recording, fit="torque").warnings)
+
+
 @pytest.mark.parametrize(
     ("delay", "deviation", "shown"), [(1e-3, 2e-4, True), (-1e-3, 2e-4, False), (-1e-3, 1e-4, True)]
 )
