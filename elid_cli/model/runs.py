@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError
 from elid_cli.model.coordinates import Coordinates, chains_of
 from elid_cli.model.drives import Drives, Stepped, parts_of_loops
 from elid_cli.model.rollout import STEP
+from elid_cli.model.told_by_log import check_any, either, told_by_log
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import integrals
 from elid_cli.signals.recording import Recording
@@ -57,6 +57,8 @@ class Run:
     """Integral of the commanded positions at every sample, less that of the measured ones before the stretch, rad·s
     (m·s), (N, n): what drives with an integral term are told."""
 
+    parts: tuple[Array, Array] | None = None
+    """What kp and kd make of `told`, kp q_des and kd dq_des, N·m (N), (N, n) each; the rest is tau_ff."""
     smooth: bool | None = None
     """Whether commands change smoothly from sample to sample: the drives were told more than the log holds."""
     begun: float = 0.0
@@ -131,7 +133,19 @@ class Run:
         drives = self.drives
         ki = None if drives.ki is None else drives.ki / ratio
         less = replace(drives, told=drives.told / ratio, kp=drives.kp / ratio, kd=drives.kd / ratio, ki=ki)
-        return replace(self, drives=less, told=None if self.told is None else self.told / ratio)
+        if self.told is None or self.parts is None:
+            return replace(self, drives=less)
+        parts = self.parts[0] / ratio, self.parts[1] / ratio
+        return replace(self, drives=less, told=self.told / ratio, parts=parts)
+
+    def tuned(self, kp: Array, kd: Array, late: Array | float = 0.0) -> Run:
+        """Return the run with drives whose gains are the logged ones over ratios (n,); they act later by `late`, s."""
+        if self.told is None or self.parts is None:
+            return self
+        parts, own = (self.parts[0] / kp, self.parts[1] / kd), self.drives
+        told = self.told + sum(new - old for new, old in zip(parts, self.parts, strict=True))
+        drives = replace(own, kp=own.kp / kp, kd=own.kd / kd, ki=None if own.ki is None else own.ki / kp)
+        return replace(self, drives=drives, told=told, parts=parts).delayed(np.zeros(len(kp)) + late)
 
     def within(self, limit: Array) -> Run:
         """Return the run with drives of other torque limits, N·m (N), (n,)."""
@@ -177,14 +191,14 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     LogError
         A joint has no position, or nothing that drives it.
     """
-    link = _either(recording.q, recording.theta)
-    motor = _either(recording.theta, recording.q)
-    _need(link, robot, "position")
-    told, kp, kd = _told(recording, robot, commanded=commanded)
+    link = either(recording.q, recording.theta)
+    motor = either(recording.theta, recording.q)
+    check_any(link, robot, "position")
+    told, parts, kp, kd = told_by_log(recording, robot, commanded=commanded)
     aims, before = integrals(recording, link) if commanded else (None, None)
     limit = robot.torque_limits
     elastic = np.array([joint.elastic for joint in robot.joints])
-    speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
+    speed = either(recording.dq, recording.dtheta), either(recording.dtheta, recording.dq)
     both, chain = np.concatenate([link, motor[:, elastic]], axis=1), chains_of(robot)
     coupled = np.bincount(chain, minlength=len(chain))[chain] > 1  # what moves alone has one inertia everywhere
     quick = quickness([both[own.start : own.stop, coupled] for own in recording.segments], recording.dt)
@@ -214,7 +228,8 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             drives = Drives(acting, kp[a], kd[a], limit)
             runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen,
                             aim=None if aims is None or before is None else aims[part] - before[a],
-                            smooth=recording.smooth, begun=float(begun[a]), quick=quick))  # fmt: skip
+                            parts=None if parts is None else (parts[0][part], parts[1][part]), smooth=recording.smooth,
+                            begun=float(begun[a]), quick=quick))  # fmt: skip
     return runs
 
 
@@ -230,41 +245,6 @@ def quickness(stretches: Sequence[Array], dt: float) -> int:
     known = np.where(np.isfinite(fast), fast, 0.0)
     speed = float(np.quantile(known, MOSTLY, axis=0).max()) / (wide * dt)
     return int(np.clip(np.ceil(dt * speed / FAR), 1, np.ceil(dt / STEP)))
-
-
-def _told(recording: Recording, robot: Robot, *, commanded: bool) -> tuple[Array, Array, Array]:
-    """Return kp q_des + kd dq_des + tau_ff of every sample, and the gains, (N, n)."""
-    if not commanded:
-        _need(recording.tau, robot, "torque")
-        none = np.zeros_like(recording.tau)
-        return recording.tau, none, none
-    parts = {name: recording.commands.get(name) for name in ("q_des", "dq_des", "tau_ff", "kp", "kd")}
-    missing = [name for name in ("q_des", "kp", "kd") if parts[name] is None]
-    if missing:
-        raise LogError(
-            f"the log holds no {' and no '.join(missing)}",
-            hint=f"give the gains with --kp and --kd, or as control: {robot.place_to_say}",
-        )
-    for name in ("q_des", "kp", "kd"):
-        _need(parts[name], robot, name)
-    known = {name: np.zeros_like(recording.q) if v is None else np.nan_to_num(v) for name, v in parts.items()}
-    wanted = parts["q_des"]
-    told = known["kp"] * (np.nan if wanted is None else wanted) + known["kd"] * known["dq_des"] + known["tau_ff"]
-    return told, known["kp"], known["kd"]
-
-
-def _need(values: Array | None, robot: Robot, what: str) -> None:
-    for k, name in enumerate(robot.joint_names):
-        if values is None or np.isnan(values[:, k]).all():
-            raise LogError(f"{name} has no {what} in this log: it cannot be replayed")
-
-
-def _either(one: Array | None, other: Array | None) -> Array:
-    """Return a signal, joints that lack it from another one."""
-    if one is None or other is None:
-        found = other if one is None else one
-        return np.full((1, 1), np.nan) if found is None else found
-    return np.where(np.isnan(one).all(axis=0), other, one)
 
 
 def _mostly(values: Array) -> bool:

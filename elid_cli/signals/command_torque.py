@@ -26,16 +26,30 @@ def command_torque(recording: Recording) -> tuple[Array, Array | None]:
     if not computed.any():
         return recording.tau, None
     commands = recording.commands
-    bounds = [(segment.start, segment.stop) for segment in recording.segments]
     part, finer = np.zeros((2, *recording.tau.shape))
     for gain, name in ((commands["kp"], "q_des"), (commands["kd"], "dq_des"), (1.0, "tau_ff")):
         if name in commands:
-            held = held_mean(commands[name], bounds)
-            stairs = commands[name] if recording.smooth else smoothed_stairs(held, bounds)
+            stairs, held = _stairs(recording, name)
             part += gain * np.nan_to_num(stairs)
             finer += gain * np.nan_to_num(stairs - held)
     free = ~at_limit(recording.tau)
     return np.where(computed & free, recording.tau + finer, recording.tau), np.where(computed, part, recording.tau)
+
+
+def told_by(recording: Recording, gain: str, name: str) -> tuple[Array, Array]:
+    """Return the parts of what `command_torque` returns that a gain makes of a command, N·m (N), (N, n) each."""
+    if name not in recording.commands:
+        return np.zeros_like(recording.tau), np.zeros_like(recording.tau)
+    asked, (stairs, held) = recording.commands[name], _stairs(recording, name)
+    finer = np.where(at_limit(recording.tau), 0.0, stairs - held)
+    return np.nan_to_num(recording.commands[gain] * (asked + finer)), np.nan_to_num(recording.commands[gain] * stairs)
+
+
+def _stairs(recording: Recording, name: str) -> tuple[Array, Array]:
+    """Return what a command's stairs amount to below the sample rate, and its mean over a sample, (N, n) each."""
+    bounds = [(segment.start, segment.stop) for segment in recording.segments]
+    held = held_mean(recording.commands[name], bounds)
+    return recording.commands[name] if recording.smooth else smoothed_stairs(held, bounds), held
 
 
 def error_integrals(recording: Recording) -> Array | None:

@@ -13,12 +13,12 @@ from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.carried import may_carry
 from elid_cli.diagnosis.by_motion.each_alone import each_alone
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
-from elid_cli.diagnosis.by_motion.limits_in_steps import runs_in_steps
 from elid_cli.diagnosis.by_motion.poses import effects_of
 from elid_cli.diagnosis.by_motion.raised_limits import raised_limits
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import ALIKE, Searched
 from elid_cli.diagnosis.by_motion.steps import Named
+from elid_cli.diagnosis.by_motion.timed_again import timed_again
 from elid_cli.diagnosis.by_motion.torque_gains import CHECK, found_gains, gain_rivals
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
@@ -39,12 +39,12 @@ from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
 from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, identification_of
 from elid_cli.estimation.trajectory.late_joints import believed
-from elid_cli.estimation.trajectory.simulator_steps import is_timed, retimed, runs_in_time
+from elid_cli.estimation.trajectory.simulator_steps import runs_in_time
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.timing_doubts import as_doubtful
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.of_drives import as_acting, with_drives, with_filters
+from elid_cli.model.effects.of_drives import as_acting, with_drives, with_filters, with_loop_gains
 from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
@@ -54,6 +54,9 @@ from elid_cli.signals.signals import Signals
 BINS = 16
 ONE_CURVE = 0.98
 """Part of an effect's torque that other first moments of the links would make as well, from which both are named."""
+AT_NOISE, AS_LITTLE = 1.2, 4.0
+"""Times the encoders' noise up to which effects explain all, and times the squared error that they leave which other
+bodies may leave then."""
 LIKE = 0.5
 """Part of what effects take off a joint's squared error that other bodies must take for a word."""
 MOMENTS = ("cx", "cy", "cz")
@@ -105,18 +108,17 @@ def diagnose_motion(
     signals, found = acting, found if acting is signals and robot is described else None
     effects, amplitudes = declared_along(robot, runs[0])
     runs = believed(robot, runs, started_from(robot, signals), (effects, amplitudes))
-    runs, timed = runs_in_time(robot, signals, runs, started_from(robot, signals), (effects, amplitudes))
+    bare = runs
+    runs, timed = runs_in_time(robot, signals, bare, started_from(robot, signals), (effects, amplitudes))
     higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
     if higher is not None:
         robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None
+        bare = runs
     found = found or least_squares(robot, signals)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
-    if not whole.done.partial and not is_timed(timed, signals):
-        # how drives act in time shows once what was missing is there, and bends that in turn
-        other = runs_in_steps(runs, whole.done.after, whole.done.limits)
-        if other[0] is runs[0] and is_timed(whole.done.after, signals):
-            other, timed = retimed(runs, whole.done.after, signals)
+    if not whole.done.partial:
+        other, timed = timed_again(signals, bare, runs, timed, whole)
         if any(run is not own for run, own in zip(other, runs, strict=True)):
             again = searched(robot, signals, other, (effects, amplitudes), off, only, progress)
             if not again.done.partial and nearer_by(again.done.after, whole.done.after) > 0:
@@ -136,7 +138,8 @@ def diagnose_motion(
     changes = differing(done.after)
     after = as_last(done.after, changes)
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
-    told = with_drives(with_filters(signals, whole.filters), whole.rates, whole.acting)
+    told = with_filters(with_loop_gains(signals, whole.loop_gains), whole.filters)
+    told = with_drives(told, whole.rates, whole.acting)
     told = replace(told, tau=np.clip(told.tau, -bound, bound))
     refined = identification_of(replace(found, robot=with_limits(whole.written, cut)), after, told)
     of_changes = tuple(effect for change in whole.changes for effect in effects_of(change, done.before))
@@ -165,7 +168,7 @@ def diagnose_motion(
         positions, changes, identified_robot(refined), done.tried, told, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         tuple(name for name in untried_of(effect_classes(), robot, only) if name not in {e.effect for e in of_changes}),
-        _bodies_beside(whole.plain, positions),
+        _bodies_beside(whole.plain, positions, after.above_noise(told)),
         None if done.partial or only else with_free_bodies(
             robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains and robot.n > 1 else [])]
         ),
@@ -177,13 +180,24 @@ def _may_raise(only: Sequence[str]) -> bool:
     return not only or effect_that(of_drive="limit").name in only
 
 
-def _bodies_beside(plain: TrajectoryFit, positions: Mapping[str, PositionBeforeAfter]) -> dict[str, float]:
+def _bodies_beside(
+    plain: TrajectoryFit, positions: Mapping[str, PositionBeforeAfter], above: Array
+) -> dict[str, float]:
     """Return what other bodies take off joints' squared error where that is most of what effects found take, or all.
 
-    `plain` is the fit without the effects.
+    Parameters
+    ----------
+    plain
+        The fit without the effects.
+    positions
+        Errors of the joints without and with the effects.
+    above
+        The latter in times the encoders' noise, (n,): where all that is left is noise, bodies must leave as little.
     """
     asked = other_bodies(plain, columns_of(plain))
     takes = {name: 1.0 - (item.after / item.before) ** 2 for name, item in positions.items()}
+    if (above < AT_NOISE).all():
+        return {name: part for name, part in asked.items() if 1.0 - part < AS_LITTLE * (1.0 - takes[name])}
     return {name: part for name, part in asked.items() if part >= LIKE * takes[name]}
 
 

@@ -38,6 +38,8 @@ class Found:
     """The one whose gains are named."""
     rivals: tuple[Rival, ...] = ()
     """What does as well as these."""
+    shifts: tuple[Array, ...] = ()
+    """By how much drive parameters are other with one of these, (n * 4,) each: the errors count it."""
 
     @property
     def items(self) -> int:
@@ -55,6 +57,12 @@ class Found:
     def filters(self) -> Array:
         """Time constant of the filter of every drive's velocity beyond what is declared, s, (n,)."""
         found: Array = np.sum([np.zeros(self.robot.n), *(change.filters for change in self.changes)], axis=0)
+        return found
+
+    @property
+    def loop_gains(self) -> Array:
+        """The logged kp, and kd, of every joint's drive over the one that acts, beyond what is declared, (2, n)."""
+        found: Array = np.prod([np.ones((2, self.robot.n)), *(change.loop_gains for change in self.changes)], axis=0)
         return found
 
     @property

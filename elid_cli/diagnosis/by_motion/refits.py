@@ -9,8 +9,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
-from elid_cli.estimation.trajectory.decided import late_or_prompt
+from elid_cli.estimation.trajectory.changes import nearer_by
+from elid_cli.estimation.trajectory.decided import late_or_prompt, shows_delays
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.held_loops import refitted
 from elid_cli.estimation.trajectory.softening import is_worth, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -88,3 +90,13 @@ def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] 
     unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
     left = np.concatenate([np.zeros(0), *(fit.z[own.amplitudes_of(k)] for k in kept if not fit.effects[k].softens)])
     return again(fit, unknowns, known_of(fit, unknowns, left), tell)
+
+
+def with_delay(fit: TrajectoryFit) -> TrajectoryFit:
+    """Return a fit without a delay, or the one with that which shows beside what was missing."""
+    if fit.delays.any():
+        return fit
+    free = refitted(fit, [item.run for item in fit.tracked], fit.z)
+    if free is None or not shows_delays(free) or not (free.delays > 0).all() or nearer_by(free, fit) <= 0:
+        return fit
+    return replace(free, held=fit.held)

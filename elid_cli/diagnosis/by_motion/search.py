@@ -24,7 +24,7 @@ from elid_cli.diagnosis.by_motion.candidates import (
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
-from elid_cli.diagnosis.by_motion.refits import again, grown, hardened, in_place, softened_again, without
+from elid_cli.diagnosis.by_motion.refits import again, grown, hardened, in_place, softened_again, with_delay, without
 from elid_cli.diagnosis.by_motion.rivals import in_best_forms, with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
@@ -151,7 +151,7 @@ def search(
                 known -= len(softer)
                 softer = {}
                 fit, named = _kept(hard, named, known)
-        fit, limits = sharpened(fit, limits)
+        fit, limits = sharpened(with_delay(fit) if named else fit, limits)
     except KeyboardInterrupt:
         partial = True
     return Searched(before, fit, softer, tuple(named), left, tried, partial, tuple(waiting), limits)

@@ -13,9 +13,11 @@ from elid_cli.diagnosis.by_motion.poses import effects_of
 from elid_cli.diagnosis.by_motion.torque_gains import CHECK, Gains, found_gains, gain_name, moved_by_gains
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
-from elid_cli.estimation.trajectory.changes import CLEARLY, Change, Changed, descended, nearer_by, retuned
+from elid_cli.estimation.trajectory.changes import CLEARLY, SURE, Change, Changed, descended, nearer_by, retuned
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.held_loops import negative
 from elid_cli.estimation.trajectory.late_joints import beyond_common, declared_late, may_be_late, with_doubts
+from elid_cli.model.effects.of_drives import TUNED
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -278,9 +280,22 @@ def twins_of_gains(gains: Gains | None, asked: Together | None, before: Trajecto
     if gains is None or asked is None or clearly_nearer(gains.fit, asked.fit):
         return ()
     return tuple(
-        Rival(e.effect, e.joint, gain_name(), e.gain, e.parameters, CHECK)
+        Rival(e.effect, e.joint, gain_name(), e.gain, e.parameters, _separates(change))
         for change in asked.changes for e in effects_of(change, before)
     )  # fmt: skip
+
+
+def shifts_of_twins(gains: Gains | None, asked: Together | None) -> tuple[Array, ...]:
+    """Return by how much drive parameters are other where it is kp alone that is off, (n * 4,), if it may be that."""
+    if gains is None or asked is None or all(change.by.kind.of_drive not in TUNED for change in asked.changes):
+        return ()
+    drives = asked.fit.unknowns.drives
+    return (asked.fit.z[:drives] - gains.fit.z[:drives],)
+
+
+def _separates(change: Changed) -> str:
+    """Return what tells a change from gains of the drives."""
+    return change.by.kind.record if change.by.kind.of_drive in TUNED else CHECK
 
 
 def gains_as_near(gains: Gains | None, asked: Together, before: TrajectoryFit) -> tuple[Rival, ...]:
@@ -288,11 +303,16 @@ def gains_as_near(gains: Gains | None, asked: Together, before: TrajectoryFit) -
 
     `before` is the fit without both.
     """
-    if gains is None or clearly_nearer(asked.fit, gains.fit):
+    if gains is None or clearly_nearer(asked.fit, gains.fit) or drives_itself(gains, asked):
         return ()
     told = found_gains(before.unknowns.robot, before, gains.fit, gains, gains.deviation > 0)
-    first = asked.changes[0].by.kind.name
-    return tuple(Rival(e.effect, e.joint, first, e.gain, e.parameters, CHECK, e.std_error) for e in told)
+    first, record = asked.changes[0].by.kind.name, _separates(asked.changes[0])
+    return tuple(Rival(e.effect, e.joint, first, e.gain, e.parameters, record, e.std_error) for e in told)
+
+
+def drives_itself(gains: Gains, asked: Together) -> bool:
+    """Whether a joint would have a negative viscous friction with gains of the drives that it has not with changes."""
+    return bool((negative(gains.fit, SURE) & ~negative(asked.fit, SURE)).any())
 
 
 def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:

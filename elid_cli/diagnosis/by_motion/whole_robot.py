@@ -14,6 +14,12 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.carried import kinds_of_loads, load_rivals, other_load_of
 from elid_cli.diagnosis.by_motion.found import Found
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
+from elid_cli.diagnosis.by_motion.loop_gains import (
+    damping_gains,
+    damping_gains_of,
+    position_gains,
+    position_gains_of,
+)
 from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.together import (
@@ -21,8 +27,10 @@ from elid_cli.diagnosis.by_motion.together import (
     Together,
     aware,
     clearly_nearer,
+    drives_itself,
     gains_as_near,
     rivals_of,
+    shifts_of_twins,
     simplest,
     twins_of_gains,
     with_another,
@@ -41,10 +49,11 @@ from elid_cli.estimation.trajectory.changes import retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
 from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
+from elid_cli.estimation.trajectory.timing_doubts import counting
 from elid_cli.estimation.trajectory.velocity_filters import filters_of, velocity_filters
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.of_drives import with_drives
+from elid_cli.model.effects.of_drives import TUNED, with_drives
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -83,9 +92,8 @@ def searched(
     found = plain
     try:
         log = _Log(signals, runs, declared, only, progress)
-        found = _by_both(plain, log, off)
-        found = _by_other_bodies(plain, found, log)
-        after = aware(found.done.after, found.changes, found.scaled, found.robot)
+        found = _by_other_bodies(plain, _by_both(plain, log, off), log)
+        after = counting(aware(found.done.after, found.changes, found.scaled, found.robot), found.shifts)
         return replace(found, done=replace(found.done, before=first, after=after))
     except KeyboardInterrupt:
         return replace(found, done=replace(found.done, before=first, partial=True))
@@ -134,7 +142,10 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
     if asked is None or (gains is not None and not _goes_before(asked, gains, plain)):
         found, log = _by_gains(found, log, gains, scales)
         if found.scaled.any():
-            found = replace(found, rivals=(*found.rivals, *twins_of_gains(found.taken, asked, plain.plain)))
+            twins = twins_of_gains(found.taken, asked, plain.plain)
+            found = replace(
+                found, rivals=(*found.rivals, *twins), shifts=shifts_of_twins(found.taken, asked) if twins else ()
+            )
             found, asked, rivals = _asked_changes(found, log)
         return _by_changes(found, log, asked, rivals)[0]
     found, log = _by_changes(found, log, asked, (*rivals, *gains_as_near(gains, asked, plain.plain)))
@@ -144,7 +155,12 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
 
 
 def _goes_before(asked: Together, gains: Gains, plain: Found) -> bool:
-    """Whether a change is named before gains: it comes clearly nearer, or is a load that does as well as several."""
+    """Whether a change is named before gains: it comes clearly nearer, or is a load that does as well as several.
+
+    Or no joint would drive itself with it as one does with the gains.
+    """
+    if drives_itself(gains, asked) and not clearly_nearer(gains.fit, asked.fit):
+        return True
     several = int(nearer(plain.done.after, gains, plain.done.named).sum()) > 1
     return clearly_nearer(asked.fit, gains.fit) or (
         asked.whole and several and not clearly_nearer(gains.fit, asked.fit)
@@ -248,13 +264,21 @@ def _kinds(found: Found, log: _Log, but: type[Effect] | None = None) -> list[Kin
         # asked for alone where the bodies' weight shows them, see `_asked_gains`
         (effect_that(of_drive="gain"), Kind(None, lambda joints: gains_of(found.robot, joints))),
         (
+            effect_that(of_drive="kp"),
+            Kind(lambda fit: position_gains(fit, log.signals), lambda joints: position_gains_of(found.robot, joints)),
+        ),
+        (
+            effect_that(of_drive="kd"),
+            Kind(lambda fit: damping_gains(fit, log.signals), lambda joints: damping_gains_of(found.robot, joints)),
+        ),
+        (
             effect_that(of_drive="integral"),
             Kind(lambda fit: integral_terms(fit, log.signals), lambda joints: terms_of(found.plain, joints)),
         ),
         *((effect_that(local=True, whole_robot=True), kind) for kind in kinds_of_loads(found.robot)),
     ]
     known = {but, *(change.by.kind for change in found.changes)}
-    known |= {effect_that(of_drive="gain")} if found.scaled.any() else set()
+    known |= {effect_that(of_drive=which) for which in ("gain", *TUNED)} if found.scaled.any() else set()
     return [one for kind, one in kinds if log.may(kind) and kind not in known]
 
 

@@ -17,6 +17,7 @@ from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.of_drives import TUNED
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
@@ -143,6 +144,11 @@ class Changed:
     def filters(self) -> Array:
         """Time constant of the filter of every joint's velocity that it finds, s, (n,)."""
         return self._of_drives("filter")
+
+    @property
+    def loop_gains(self) -> Array:
+        """The logged kp, and kd, of every joint's drive over the one that it finds, beyond what is declared, (2, n)."""
+        return 1.0 + np.array([self._of_drives(which) for which in TUNED])
 
     def _of_drives(self, which: str) -> Array:
         found = np.zeros(self.level.n)

@@ -144,7 +144,7 @@ def _lost(fit: TrajectoryFit, start: Array) -> bool:
     Or began and ended with next to none, as least squares of few samples per second may say. `start` is where it began,
     (n, 4).
     """
-    none = fit.shown[:, [0, 2]] & (fit.values[:, [0, 2]] <= LITTLE * start[:, [0, 2]])
+    none = fit.shown[:, [0, 2]] & (np.abs(fit.values[:, [0, 2]]) <= LITTLE * start[:, [0, 2]])
     if none.any() and has_memory(fit.equations):
         return True
     least = NEXT * _plausible(fit, start)[:, :3]

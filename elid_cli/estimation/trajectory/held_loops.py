@@ -37,14 +37,11 @@ from elid_cli.signals.stepping_commands import commands_step
 
 NEAR = 2.0
 """Times the encoders' noise, at any joint, up to which nothing else is missing."""
-FARTHEST, PART = 40.0, 0.3
+FARTHEST, PART = 300.0, 0.3
 """Times the noise up to which loops are asked for that take away much: this of the logarithm of the error's size, per
 joint."""
-FAR = 10.0
-"""The same where a joint's viscous friction is held at 0, which is a sign of them: without its friction a fit cannot
-come nearer."""
 NONE = 1e-3
-"""Part of what holding may take from viscous friction up to which that is held at 0."""
+"""Part of what holding may take from viscous friction up to which that is none."""
 AT_NOISE = 1.03
 """The same up to which nothing else is left."""
 WHOLE = 0.25
@@ -64,10 +61,11 @@ ELSEWHERE = 1.0
 """Sum over the joints of the logarithm by which loops are farther that take commands at another time."""
 PROBED = 2.5e-3, 5e-3
 """Periods, s, of which the first loops that are tried have at least one: of fast logs a sample is too short."""
-PERHAPS = 2.0
-"""Standard errors, over the course of the log, from which errors count a fit that is nearer and not clearly so …"""
+PERHAPS = 0.02
+"""Probability by which chance makes the nearest of several fits so much nearer, over the course of the log, at most,
+that errors count it though it is not clearly so …"""
 THROUGHOUT = 4.0
-"""… and from which it is clearly so, where the errors have a memory."""
+"""… and standard errors from which it is clearly so, where the errors have a memory."""
 FIRMLY = 5.0
 """Times what counts as clear by which loops that act all the time must be nearer for the others to be ruled out."""
 BENT = 0.3
@@ -102,11 +100,15 @@ def _plain(run: Run) -> bool:
     return run.drives.held is None and run.drives.stepped is None
 
 
-def at_bound(fit: TrajectoryFit) -> NDArray[np.bool_]:
-    """Return the joints whose viscous friction is held at 0 where loops that hold would take it away, (n,)."""
+def negative(fit: TrajectoryFit, errors: float = 0.0) -> NDArray[np.bool_]:
+    """Return the joints whose viscous friction comes out as none, or as less, where loops that hold take it, (n,).
+
+    Where standard errors are asked for: the ones at which it is less by more of them.
+    """
     run, viscous = fit.tracked[0].run, fit.values[:, KINDS.index("viscous")]
-    lost = lost_to_holding(run.dt, run.drives.kp)
-    found: NDArray[np.bool_] = fit.shown[:, 2] & (viscous <= NONE * lost) & (lost > 0)
+    lost, error = lost_to_holding(run.dt, run.drives.kp), fit.unknowns.joint_values(fit.deviation)[:, 2]
+    most = -errors * error if errors else NONE * lost
+    found: NDArray[np.bool_] = fit.shown[:, 2] & (viscous <= most) & (lost > 0)
     return found
 
 
@@ -121,18 +123,17 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     recording = signals.recording
     above = fit.above_noise(signals)
     declared = declared_loops(fit.unknowns.robot).any() or any(item.run.drives.held is not None for item in fit.tracked)
-    bound = bool(at_bound(fit).any())
     if recording is None or declared or (above > FARTHEST).any():
         return fit
     # where something else is missing loops must take away much
-    much = PART * fit.unknowns.robot.n if (above > (FAR if bound else NEAR)).any() else 0.0
+    much = PART * fit.unknowns.robot.n if (above > NEAR).any() else 0.0
     if recording.smooth:  # what passes between samples is not logged well enough
         return replace(fit, unseen=by_delay(free, recording))
     step = commands_step(recording)
-    if not bound and not matters(fit, recording).any():
+    if not negative(fit).any() and not matters(fit, recording).any():
         return fit
-    tried = _every(free, recording.dt) if bound else _foreseen(free, recording.dt, much, step=step)
     told = step or not recording.doubted  # loops that are told commands between samples are not simulated
+    tried = _foreseen(free, recording.dt, much, step=step, told=told)
     longest = by_motion(free, _near(free, tried), recording.dt) if told else by_delay(free, recording)
     if not tried:
         return replace(fit, unseen=longest)
@@ -144,14 +145,22 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     often, best = min(alike.items(), key=lambda item: item[0])
     least = 0.0 if best is once else LITTLE
     clear = all(clearly_nearer(best, one) and nearer_by(best, one) > least for one in (fit, free))
-    if not clear and at_bound(free).any() and nearer_by(best, free) > 0:  # no joint is without any friction
+    if not clear and negative(free).any() and nearer_by(best, free) > 0:  # no joint drives itself
         clear, alike[ALWAYS] = True, free
     if clear:
         return _counting_others(best, alike, often)
     by = -np.inf if once is None else nearer_by(once, free)
     at_once = bool(best is once and by < -FIRMLY * least_of(fit) and (above <= AT_NOISE).all())
     fit = replace(fit, at_once=at_once, unseen=longest)
-    return counting_other(fit, best) if nearer_by(best, fit) > 0 and nearer_throughout(best, fit) > PERHAPS else fit
+    perhaps = nearer_by(best, fit) > 0 and nearer_throughout(best, fit) > _by_chance(len(tried))
+    return counting_other(fit, best) if perhaps else fit
+
+
+def _by_chance(count: int) -> float:
+    """Return the standard errors by which the nearest of so many fits is nearer by chance alone, rarely."""
+    from scipy.special import ndtri
+
+    return -float(ndtri(PERHAPS / count))
 
 
 def counting_other(fit: TrajectoryFit, other: TrajectoryFit) -> TrajectoryFit:
@@ -194,15 +203,15 @@ def _every(fit: TrajectoryFit, dt: float) -> dict[float, TrajectoryFit]:
     return _fits(fit, dt, [often for often in allowed_loops(dt) if often >= 1])
 
 
-def _foreseen(fit: TrajectoryFit, dt: float, much: float, *, step: bool) -> dict[float, TrajectoryFit]:
+def _foreseen(fit: TrajectoryFit, dt: float, much: float, *, step: bool, told: bool) -> dict[float, TrajectoryFit]:
     """Return the fits under loops of two periods, and of the one that these foresee.
 
     Of the allowed ones that is the nearest to the bottom of the parabola through the squared errors over the squared
-    period: of loops that run always, and of both. Where commands `step`, loops are of periods that have their delay;
-    of ones that change all the time the log holds what loops were told at samples alone.
+    period: of loops that run always, and of both. Loops are of periods that have the delay of the commands, unless
+    these change all the time; then the log may hold what loops were `told` at samples alone.
     """
     allowed = [often for often in allowed_loops(dt)
-               if (can_delay(fit, dt / often) if step else often == round(often))]  # fmt: skip
+               if (not step and often == round(often)) or (told and can_delay(fit, dt / often))]  # fmt: skip
     found: dict[float, TrajectoryFit] = {}
     for often in _probes(allowed, dt):
         found |= {} if len(_near(fit, found)) > 1 else _fits(fit, dt, (often,))
@@ -210,6 +219,8 @@ def _foreseen(fit: TrajectoryFit, dt: float, much: float, *, step: bool) -> dict
         return found
     often = _bottom(fit, _near(fit, found), allowed)
     found |= {} if often in (0, *found) else _fits(fit, dt, (often,))
+    if not step:  # loops that run more seldom than commands change miss some: which ones, each period has its own
+        found |= _fits(fit, dt, [often for often in allowed if often < 1 and often not in found])
     while (best := max(found, key=lambda each: nearer_by(found[each], fit), default=0.0)) and nearer_by(
         found[best], fit
     ) > 0:
@@ -234,10 +245,30 @@ def _beside(
 
 
 def can_delay(fit: TrajectoryFit, period: float) -> bool:
-    """Whether loops of a period, s, make commands that step as late as the motion has them: by whole periods."""
-    apart = np.abs(fit.delays - np.round(fit.delays / period) * period)
+    """Whether loops of a period, s, make commands as late as the motion has them: by whole periods, as they act."""
+    late = fit.delays - late_commands(fit, period)
+    apart = np.abs(late - np.maximum(np.round(late / period), 0.0) * period)
     stepped = any(item.run.drives.stepped is not None for item in fit.tracked)
     return bool((apart <= (SURELY if stepped else max(WHOLE * period, SLIGHT))).all())
+
+
+def late_commands(fit: TrajectoryFit, period: float) -> Array:
+    """Return by how much loops of a period, s, take commands later than these change, on average, s, (R,).
+
+    Large changes count for more. Loops that run at every instant of the log take them at once.
+    """
+    late, weight = np.zeros((2, fit.unknowns.recordings))
+    for item in fit.tracked:
+        run = item.run
+        if run.told is None:
+            continue
+        change = np.diff(run.told, axis=0)
+        size = np.sum((change / np.maximum(np.sqrt(np.mean(change**2, axis=0)), 1e-300)) ** 2, axis=1)
+        places = (run.begun + np.arange(1, len(run.t))) * run.dt / period
+        late[run.source] += period * float(size @ (np.ceil(places - 1e-6) - places))
+        weight[run.source] += float(size.sum())
+    found: Array = np.maximum(late, 0.0) / np.maximum(weight, 1e-300)
+    return found
 
 
 def _near(fit: TrajectoryFit, found: dict[float, TrajectoryFit]) -> dict[float, TrajectoryFit]:
@@ -285,12 +316,12 @@ def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
 def of_loops(fit: TrajectoryFit, often: float, dt: float) -> TrajectoryFit | None:
     """Return the fit under drives that compute their torque so many times per sample, and hold it.
 
-    None where a sample's loops would have a delay of no whole number of periods, unless friction is held at 0, where a
-    simulator's steps are no part of them, or the motion runs away.
+    None where a sample's loops would have a delay of no whole number of periods, where a simulator's steps are no part
+    of them, or the motion runs away.
     """
     parts = float(parts_of_loops(np.array(often)))
-    periods, bound = fit.delays * parts / dt, bool(at_bound(fit).any())
-    if not bound and parts == often and (np.abs(periods - np.round(periods)) > WHOLE).any():
+    periods = fit.delays * parts / dt
+    if parts == often and (np.abs(periods - np.round(periods)) > WHOLE).any():
         return None
     if any(item.run.drives.stepped and round(item.run.dt / step_of(item.run)) % parts for item in fit.tracked):
         return None
@@ -298,10 +329,9 @@ def of_loops(fit: TrajectoryFit, often: float, dt: float) -> TrajectoryFit | Non
     times = often * np.any([own.kp > 0 for own in drives], axis=0).astype(float)
     z = fit.z.copy()
     for kind, gains in (("inertia", [own.kd for own in drives]), ("viscous", [own.kp for own in drives])):
-        # what holding takes from them: without, as where a fit's friction is held at 0, the motion may run away
+        # what holding takes from them: without, the motion may run away
         z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] += lost_to_holding(dt / often, np.mean(gains, axis=0))
-    if bound:  # the delay makes up for friction that the fit may not have
-        z[fit.unknowns.delays] = np.round(periods) * dt / parts
+    z[fit.unknowns.delays] -= late_commands(fit, dt / often)
     return refitted(fit, [item.run.holding(times) for item in fit.tracked], z)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.judgement import ModelWord
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
+from elid_cli.estimation.trajectory.at_noise import NOISE, is_at_noise
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.bodies import other_bodies
@@ -31,9 +31,9 @@ from elid_cli.estimation.trajectory.found_effects import (
     robot_of,
     settled,
 )
+from elid_cli.estimation.trajectory.held_loops import negative
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
 from elid_cli.estimation.trajectory.late_joints import declared_late, late_joints, of_every, with_doubts
-from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
 from elid_cli.estimation.trajectory.settings import settings_of
 from elid_cli.estimation.trajectory.simulator_steps import (
@@ -57,6 +57,7 @@ from elid_cli.estimation.trajectory.words import (
     loop_words,
     softness_words,
     step_words,
+    sum_words,
     time_words,
 )
 from elid_cli.model.effects.declared import resolve
@@ -67,6 +68,7 @@ from elid_cli.model.effects.of_drives import (
     declared_filters,
     declared_gains,
     declared_integrals,
+    declared_loop_gains,
     declared_steps,
     holding,
 )  # fmt: skip
@@ -80,14 +82,10 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
+SURE = 3.0
+"""Standard errors by which a friction is below 0 that is called negative."""
 GAINS = {"q_des", "kp", "kd"}
 """What a log must hold for its commands to drive a robot."""
-NOISE = 1.5
-"""Times the encoders' noise up to which simulated positions are off by that noise alone …"""
-LESS = 0.3
-"""… below which they are too small for that noise …"""
-STILL = 0.01
-"""… and below which the joint rests at one count of its encoder."""
 
 
 def by_trajectory(
@@ -174,18 +172,6 @@ def fit_of(
     return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
-def is_at_noise(ratios: Mapping[Any, float], fit: TrajectoryFit | None = None) -> bool:
-    """Whether errors of the simulated positions, joint by joint in times the encoders' noise, are that noise.
-
-    An error that is clearly less says that the noise was taken for larger than it is. Then that of the `fit` must have
-    no memory, where it is at hand.
-    """
-    moving = [ratio for ratio in ratios.values() if ratio > STILL]
-    if not moving or max(moving) >= NOISE:
-        return False
-    return fit is None or min(moving) > LESS or not has_memory(fit.equations)
-
-
 def unsuited(robot: Robot) -> str:
     """Return why the trajectory fit does not know a robot, as a clause; empty where it does."""
     for joint in robot.joints:
@@ -224,6 +210,8 @@ def commanded_runs(recording: Recording, robot: Robot) -> list[Run]:
         every = [run.holding(often) for run in every]
     if np.any(gains != 1.0):
         every = [run.delivering(gains) for run in every]
+    if np.any((tuned := declared_loop_gains(robot)) != 1.0):
+        every = [run.tuned(*tuned) for run in every]
     # the first moments of a stretch do not count (`Tracked.counts`): as much again must be left
     runs = [run for run in every if run.t[-1] - run.t[0] > 2 * SETTLING]
     if not runs:
@@ -298,7 +286,9 @@ def identification_of(
     times = np.broadcast_to(fit.filters, robot.n).tolist()
     slow = {name: time for name, time in zip(robot.joint_names, times, strict=True) if time}
     explained = not bodies and not slow and is_at_noise(above, fit)
-    known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies), "velocity_filters": slow}
+    driving = {name: float(fit.values[k, 2]) for k, name in enumerate(robot.joint_names) if negative(fit, SURE)[k]}
+    known = {"noise_ratio": above, "beyond_noise": beyond, "other_bodies": dict(bodies), "velocity_filters": slow,
+             "negative_friction": driving}  # fmt: skip
     loops, warned = loop_words(robot, fit, signals, moves)
     told = by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),
@@ -307,7 +297,8 @@ def identification_of(
         delays=np.zeros(robot.n),
         nuisances=(*channel_faults(robot, fit, moves[:, 3]), *faults_of_time(robot, fit)),
         effects=fitted_effects(robot, fit),
-        notes=(note, *apart, *doubt_words(robot, fit), *loops, *command_words(fit), *step_words(robot, fit)),
+        notes=(note, *apart, *doubt_words(robot, fit), *loops, *command_words(fit), *step_words(robot, fit),
+               *sum_words(robot, fit)),
         settings={**settings_of(found, fit, moves), **known},
         warnings=(*bodies_words(robot, bodies), *filter_words(robot, fit), *time_words(robot, fit), *warned),
         model="sufficient" if explained else "insufficient" if slow else model,

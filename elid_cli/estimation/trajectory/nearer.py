@@ -52,7 +52,7 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
     Declared effects of another shape are left out, and of a long log its middle is looked at. With `loops` the one's
     drives hold their torque where the motion is nearer so.
     """
-    from elid_cli.estimation.trajectory.held_loops import at_bound, nearest_loops
+    from elid_cli.estimation.trajectory.held_loops import nearest_loops, negative
     from elid_cli.estimation.trajectory.simulator_steps import with_steps
     from elid_cli.estimation.trajectory.unasked import is_known, seconds, without_shapes
     from elid_cli.model.effects.posed import posed
@@ -76,7 +76,7 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
     throughout = left and nearer_throughout(near, far) > THROUGHOUT
     least = max(LEAST, CLEARLY / count) if alone else LEAST * robot.n if throughout else REMEMBERED * robot.n
     first, second = (float(fit.delays.mean()) for fit in fits)
-    return Nearer(by if abs(by) > least else 0.0, left, (first, second), bool(at_bound(fits[1]).any()))
+    return Nearer(by if abs(by) > least else 0.0, left, (first, second), bool(negative(fits[1]).any()))
 
 
 def is_quick(robot: Robot, log: Signals) -> bool:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.result import Identification, Verdict
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.found_effects import settled
 from elid_cli.estimation.trajectory.softening import gains_of
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.estimation.validation.verdicts import TORQUE_SHARE, WEAK
@@ -29,6 +30,7 @@ def settings_of(found: Identification, fit: TrajectoryFit, moves: NDArray[np.boo
     motion depends on, (n, 4).
     """
     robot, own = fit.unknowns.robot, fit.unknowns
+    values = own.joint_values(settled(fit))
     errors, between, within = (own.joint_values(part) for part in (fit.deviation, fit.between, fit.within))
     another = own.joint_values(fit.another) if own.recordings == 1 else None
     verdicts = _verdicts(found, fit, errors, moves)
@@ -37,7 +39,7 @@ def settings_of(found: Identification, fit: TrajectoryFit, moves: NDArray[np.boo
         if verdicts[joint][kind] == "refused":
             return {"estimate": None, "std_error": None, "verdict": "refused"}
         return {
-            "estimate": float(fit.values[joint, kind]), "std_error": float(errors[joint, kind]),
+            "estimate": float(values[joint, kind]), "std_error": float(errors[joint, kind]),
             "between_recordings": float(between[joint, kind]), "within_recording": float(within[joint, kind]),
             "another_recording": None if another is None else float(another[joint, kind]),
             "verdict": verdicts[joint][kind],

@@ -13,8 +13,9 @@ import numpy as np
 
 from elid_cli.errors import DataError, LogError, RobotError, in_words
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.at_noise import is_at_noise
 from elid_cli.estimation.trajectory.doubtful_joints import standing
-from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, is_at_noise, unsuited
+from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, unsuited
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.of_drives import as_acting

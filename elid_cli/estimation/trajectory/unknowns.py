@@ -187,7 +187,7 @@ class Unknowns:
         """Least and greatest values that mean something, (U,) each."""
         low, high = np.full(self.count, -np.inf), np.full(self.count, np.inf)
         low[0 : self.drives : len(KINDS)] = 1e-6
-        low[1 : self.drives : len(KINDS)] = low[2 : self.drives : len(KINDS)] = 0.0
+        low[1 : self.drives : len(KINDS)] = 0.0
         shapes = slice(self.amplitudes.stop, self.delays.start)
         low[shapes], high[shapes] = [form.low for form in self._forms], [form.high for form in self._forms]
         low[self.delays], high[self.delays] = -LATEST, LATEST

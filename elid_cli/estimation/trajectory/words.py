@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from elid_cli.errors import in_words
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.held_loops import at_bound, less_by_holding, loops_bend, matters
+from elid_cli.estimation.trajectory.found_effects import settled
+from elid_cli.estimation.trajectory.held_loops import less_by_holding, loops_bend, matters, negative
 from elid_cli.estimation.trajectory.settings import softness
 from elid_cli.estimation.trajectory.simulator_steps import LONGEST
 from elid_cli.estimation.trajectory.timing_doubts import step_of
+from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops, has_steps
 from elid_cli.robot.robot import Robot
@@ -90,15 +92,31 @@ def filter_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
     )
 
 
-def bound_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
-    """Return which joints come out without viscous friction, in a sentence; none where none does."""
-    joints = [robot.joint_names[k] for k in np.flatnonzero(at_bound(fit))]
-    if not joints or fit.at_once:
+def friction_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return which joints come out without viscous friction, or with a negative one, in a sentence; none: no joint."""
+    joints = [robot.joint_names[k] for k in np.flatnonzero(negative(fit))]
+    if not joints:
+        return ()
+    some = bool(negative(fit, SHOWN).any())
+    if fit.at_once and not some:
+        return ()
+    how = "below 0, which no joint has" if some else "at 0 or below"
+    return (
+        f"viscous friction of {in_words(joints)} comes out {how}: drives whose kd is smaller than the log has it, that "
+        "hold their torque or that damp by a filtered velocity look so (held_loop and velocity_filter in the robot "
+        f"file), and motor inertia is too small then{'' if some else '; a simulated robot may have none'}",
+    )
+
+
+def sum_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return which torque offsets are known in a sum with what effects add, in a sentence; none where none is."""
+    moved = fit.unknowns.joint_values(settled(fit) - fit.z)[:, KINDS.index("offset")]
+    joints = [robot.joint_names[k] for k in np.flatnonzero(moved)]
+    if not joints:
         return ()
     return (
-        f"viscous friction of {in_words(joints)} comes out at 0, as it cannot be less: drives that hold their torque "
-        "or damp by a filtered velocity look so (held_loop and velocity_filter in the robot file), and motor inertia "
-        "is too small then; a simulated robot may have none",
+        f"the torque offset of {in_words(joints)} and what an effect adds to it at any angle, as the preload of a "
+        "spring, are known in their sum alone: the effect is taken to push nowhere on the whole",
     )
 
 
@@ -181,8 +199,8 @@ def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: N
 
 
 def time_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
-    """Return what is surely wrong with when drives act: viscous friction held at 0, or stamps, in sentences."""
-    return (*bound_words(robot, fit), *stamp_words(fit))
+    """Return what is surely wrong with when drives act: no viscous friction, or stamps, in sentences."""
+    return (*friction_words(robot, fit), *stamp_words(fit))
 
 
 def stamp_words(fit: TrajectoryFit) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from elid_cli.model.effects.of_drives import (
     declared_filters,
     declared_gains,
     declared_integrals,
+    declared_loop_gains,
     declared_steps,
     holding,
 )
@@ -159,6 +160,8 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     often, steps = holding(robot, recording.dt), declared_steps(robot, recording.dt)
     runs = [run.stepping(*steps, delays) for run in runs] if by_commands and steps is not None else runs
     runs = [run.holding(often, delays) for run in runs] if by_commands and often.any() else runs
+    tuned = declared_loop_gains(robot)
+    runs = [run.tuned(tuned[0], tuned[1], delays) for run in runs] if by_commands and np.any(tuned != 1.0) else runs
     runs = [run.delivering(gains) for run in runs] if np.any(gains != 1.0) else runs
     if not runs:
         raise LogError("the log has no stretch that is long enough to be replayed")

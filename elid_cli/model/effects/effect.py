@@ -153,7 +153,7 @@ class Effect(ABC):
     which holds a joint at rest; that of unlike sizes forwards and backwards, as a torque; empty: nothing."""
     softens: ClassVar[bool] = False
     """Whether its amplitude is the Coulomb friction that fades in (`elid_cli.model.drives.Fading`) by its shape."""
-    of_drive: ClassVar[Literal["", "limit", "gain", "integral", "filter", "hold", "step"]] = ""
+    of_drive: ClassVar[Literal["", "limit", "gain", "kp", "kd", "integral", "filter", "hold", "step"]] = ""
     """What of a drive it is: largest torque (first shape), factor, integral gain over kp, filter of velocity, time that
     its torque is held for, step of the simulator that it acts in."""
     simulated: ClassVar[Simulated] = "torque"

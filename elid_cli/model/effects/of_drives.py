@@ -14,12 +14,15 @@ from elid_cli.model.drives import Stepped, filter_weights
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.declared import resolve
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.command_torque import told_by
 from elid_cli.signals.late_velocity import delay_of
 from elid_cli.signals.signals import Signals
 
 SAME_TIME = 1.3
 """Times by which a drive's period may be off the sample time of a log that holds its torques."""
-LOOPS = ("integral", "filter", "hold", "step")
+TUNED: tuple[Literal["kp", "kd"], ...] = ("kp", "kd")
+"""Gains of a drive's loop that may be off alone."""
+LOOPS = ("kp", "kd", "integral", "filter", "hold", "step")
 """What of a drive is in its loop, or in the steps of a simulator, and not in the torque that a log tells."""
 OFTEN, STEPS = 20, 40
 """Most times per sample that a drive computes its torque, and that a simulator steps, which are simulated."""
@@ -44,6 +47,25 @@ def declared_gains(robot: Robot) -> Array:
             hint="it is the share by which the logged torque is too large, above -1",
         )
     return gains
+
+
+def declared_loop_gains(robot: Robot) -> Array:
+    """Return the kp, and the kd, that a log tells over the one that acts, of every joint's drive, (2, n).
+
+    Raises
+    ------
+    RobotError
+        A declared gain leaves none.
+    """
+    found = np.ones((2, robot.n))
+    for own, which in zip(found, TUNED, strict=True):
+        own += _declared(robot, which)
+        for joint in np.flatnonzero(own <= 0).tolist():
+            raise RobotError(
+                f"{robot.name}: {effect_that(of_drive=which).name} of {robot.joint_names[joint]} leaves no gain",
+                hint=f"it is the share by which the logged {which} is too large, above -1",
+            )
+    return found
 
 
 def declared_integrals(robot: Robot) -> Array:
@@ -98,7 +120,9 @@ def declared_steps(robot: Robot, dt: float) -> tuple[Stepped, float] | None:
     return "implicit" if _declared(robot, "step", 1).max() > 0.5 else "explicit", dt / each
 
 
-def _declared(robot: Robot, which: Literal["gain", "integral", "filter", "hold", "step"], number: int = 0) -> Array:
+def _declared(
+    robot: Robot, which: Literal["gain", "kp", "kd", "integral", "filter", "hold", "step"], number: int = 0
+) -> Array:
     """Return an amplitude of the declared effects of drives, the first one if no other is asked for, (n,)."""
     found = np.zeros(robot.n)
     for spec in robot.effects:
@@ -111,21 +135,39 @@ def _declared(robot: Robot, which: Literal["gain", "integral", "filter", "hold",
 def with_loops(robot: Robot, signals: Signals) -> tuple[Robot, Signals]:
     """Return the robot without what it declares of its drives' loops, and the signals with the torques that hold it.
 
-    That are integral terms, filters of velocity, loops that hold, and a simulator's steps.
+    That are gains of position, integral terms, filters of velocity, loops that hold, and a simulator's steps.
     """
     kept = tuple(spec for spec in robot.effects if resolve(robot, spec)[0].of_drive not in LOOPS)
     if signals.error_integrals is None or len(kept) == len(robot.effects):
         return robot, signals
-    told = with_filters(signals, declared_filters(robot))
+    told = with_loop_gains(signals, declared_loop_gains(robot))
+    told = with_filters(told, declared_filters(robot))
     told = with_steps(with_held_loops(told, holding(robot, signals.dt)), declared_steps(robot, signals.dt))
     return replace(robot, effects=kept), with_drives(told, declared_integrals(robot))
 
 
 def as_acting(robot: Robot, signals: Signals) -> Signals:
     """Return the signals with the torques that act as the robot declares its drives, in place of what the log tells."""
-    told = with_filters(signals, declared_filters(robot))
+    told = with_loop_gains(signals, declared_loop_gains(robot))
+    told = with_filters(told, declared_filters(robot))
     told = with_steps(with_held_loops(told, holding(robot, signals.dt)), declared_steps(robot, signals.dt))
     return with_drives(told, declared_integrals(robot), declared_gains(robot))
+
+
+def with_loop_gains(signals: Signals, gains: Array) -> Signals:
+    """Return the signals with the torques of drives whose kp and kd are the logged ones over gains (2, n)."""
+    recording = signals.recording
+    if recording is None or not {"kp", "kd"} <= recording.commands.keys() or not np.any(gains != 1.0):
+        return signals
+    kp, kd = np.where(recording.commanded, 1.0 - 1.0 / gains, 0.0)
+    tau, of_commands = signals.tau, signals.command_torque
+    motion = signals.motion
+    for share, gain, name, state in ((kp, "kp", "q_des", motion.theta), (kd, "kd", "dq_des", motion.dtheta)):
+        asked, of_stairs = told_by(recording, gain, name)
+        tau = tau - share * (asked - np.nan_to_num(recording.commands[gain]) * state)
+        of_commands = None if of_commands is None else of_commands - share * of_stairs
+    sums = None if signals.error_integrals is None else signals.error_integrals * (1.0 - kp)
+    return replace(signals, tau=tau, command_torque=of_commands, error_integrals=sums)
 
 
 def with_filters(signals: Signals, times: Array) -> Signals:

@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.trajectory.identification import is_at_noise
+from elid_cli.estimation.trajectory.at_noise import is_at_noise
 from elid_cli.estimation.validation.following import APART, DEFLECTION, LOGS, PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE
+from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
 from elid_cli.report.tree import number_text
 
@@ -103,6 +104,11 @@ def _far_motion(found: Identification) -> str:
             f"Something: the motion of {listed(list(slow))} is nearer with a filter of the velocity that the drive "
             "damps by, which makes motor inertias come out too small. elid diagnose names it."
         )
+    if negative := told.get("negative_friction") if isinstance(told, dict) else None:
+        return (
+            f"Something: viscous friction of {listed(list(negative))} comes out below 0. A drive whose kd is smaller "
+            "than the log has it, or whose loop holds its torque or filters its velocity, looks so."
+        )
     if found.model == "not judged" and beyond:
         return (
             "Something: the simulated motion is off by more than the encoders' noise at "
@@ -123,10 +129,11 @@ def motion_words(found: Identification, warnings: Sequence[str]) -> str:
     if not ratios or not poor or found.model != "sufficient" or not is_at_noise(ratios):
         return ""
     worst = max(poor, key=lambda name: poor[name])
+    holds = any(effect_classes()[item.effect].of_drive == "hold" for item in found.nuisances)
+    why = "the drives' loops hold it between the log's samples" if holds else "its velocities are late or noisy"
     return doubted(
         "Yes: the motion simulated under the commands is off by the encoders' noise alone. The torque that was "
-        f"computed from the log is off by up to {share_text(poor[worst])} (rms, at {worst}): its velocities are late "
-        "or noisy.",
+        f"computed from the log is off by up to {share_text(poor[worst])} (rms, at {worst}): {why}.",
         (*warnings, *found.warnings),
     )
 
