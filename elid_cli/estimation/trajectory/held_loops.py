@@ -132,8 +132,8 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
     step = commands_step(recording)
     if not negative(fit).any() and not matters(fit, recording).any():
         return fit
+    tried = _foreseen(free, recording.dt, much, step=step)
     told = step or not recording.doubted  # loops that are told commands between samples are not simulated
-    tried = _foreseen(free, recording.dt, much, step=step, told=told)
     longest = by_motion(free, _near(free, tried), recording.dt) if told else by_delay(free, recording)
     if not tried:
         return replace(fit, unseen=longest)
@@ -203,15 +203,15 @@ def _every(fit: TrajectoryFit, dt: float) -> dict[float, TrajectoryFit]:
     return _fits(fit, dt, [often for often in allowed_loops(dt) if often >= 1])
 
 
-def _foreseen(fit: TrajectoryFit, dt: float, much: float, *, step: bool, told: bool) -> dict[float, TrajectoryFit]:
+def _foreseen(fit: TrajectoryFit, dt: float, much: float, *, step: bool) -> dict[float, TrajectoryFit]:
     """Return the fits under loops of two periods, and of the one that these foresee.
 
     Of the allowed ones that is the nearest to the bottom of the parabola through the squared errors over the squared
     period: of loops that run always, and of both. Loops are of periods that have the delay of the commands, unless
-    these change all the time; then the log may hold what loops were `told` at samples alone.
+    these change all the time and loops take each of them.
     """
     allowed = [often for often in allowed_loops(dt)
-               if (not step and often == round(often)) or (told and can_delay(fit, dt / often))]  # fmt: skip
+               if (not step and often == round(often)) or can_delay(fit, dt / often)]  # fmt: skip
     found: dict[float, TrajectoryFit] = {}
     for often in _probes(allowed, dt):
         found |= {} if len(_near(fit, found)) > 1 else _fits(fit, dt, (often,))

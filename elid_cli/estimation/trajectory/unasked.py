@@ -54,7 +54,7 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
     if recording is None or not recording.commanded.all() or not recording.commands.keys() >= GAINS:
         return found
     if not is_known(found.robot):
-        return found
+        return _with_shapes_held(found)
     if seconds(found.robot, signals) > LONGEST:
         return pointed_out(found, f", which takes about {seconds(found.robot, signals):.0f} s")
     signals = as_acting(found.robot, signals)
@@ -138,6 +138,15 @@ def seconds_of(robot: Robot, samples: int, dt: float) -> float:
     sizes = np.array([len(joints) for joints in Unknowns(robot).chains])
     steps = STEPS * float(np.sum(sizes**3)) if compiled_steps() else PLAIN * float(np.sum(sizes))
     return SAMPLE * samples * robot.n + steps * samples * dt
+
+
+def _with_shapes_held(found: Identification) -> Identification:
+    """Return least squares' answer with a word on the trajectory fit, where only shapes of effects stand against it."""
+    if without_shapes(found.robot) is found.robot or not is_known(without_shapes(found.robot)) or unsuited(found.robot):
+        return found
+    return _told(
+        found, f"{COMPUTED}: --fit trajectory fits the motion, with declared effects in the shapes of the file"
+    )
 
 
 def _told(found: Identification, note: str) -> Identification:

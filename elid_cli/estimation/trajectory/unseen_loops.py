@@ -35,13 +35,17 @@ def by_motion(fit: TrajectoryFit, tried: Mapping[float, TrajectoryFit], dt: floa
         The fit of drives that act all the time.
     tried
         Fits of loops, by how often in a sample they run; the logarithm by which they are farther goes with the square
-        of the period, and the fourth power: the two longest count.
+        of the period, and the fourth power: the two longest count that run at every sample. Longer ones miss commands,
+        each its own, and count for themselves.
     dt
         Sample time, s.
     """
-    if not tried:
-        return min(SHORTEST, dt)
-    (longest, whole), *others = [(often, nearer_by(tried[often], fit)) for often in sorted(tried)[:2]]
+    by = {often: nearer_by(one, fit) for often, one in tried.items()}
+    alone = max((dt / often for often, near in by.items() if near > -LITTLE), default=0.0)
+    every = sorted(often for often in by if often >= 1)
+    if not every:
+        return max(alone, min(SHORTEST, dt))
+    (longest, whole), *others = [(often, by[often]) for often in every[:2]]
     part = np.linspace(0.0, 1.0, 501) ** 2
     if not others:
         farther = whole * part**2
@@ -51,7 +55,7 @@ def by_motion(fit: TrajectoryFit, tried: Mapping[float, TrajectoryFit], dt: floa
         bend = (whole - less / x) / (1.0 - x)
         farther = (whole - bend) * part + bend * part**2
     beyond = np.flatnonzero(farther < -LITTLE)
-    return dt / longest * (float(np.sqrt(part[beyond[0]])) if len(beyond) else 1.0)
+    return max(alone, dt / longest * (float(np.sqrt(part[beyond[0]])) if len(beyond) else 1.0))
 
 
 def by_delay(fit: TrajectoryFit, recording: Recording) -> float:

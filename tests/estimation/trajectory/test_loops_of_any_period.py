@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 
 from elid_cli.cli import main
+from elid_cli.estimation.trajectory.decided import fit_with_columns
+from elid_cli.estimation.trajectory.held_loops import late_commands
+from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.experiment.replay.replay import ReplayOptions, replay
 from elid_cli.model.drives import parts_of_loops
 from elid_cli.model.effects.of_drives import holding
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec
-from tests.diagnosis.by_motion.plant import ARMATURE, DT, KD, KP, NAMES, VISCOUS, robot, written
+from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, DT, KD, KP, NAMES, OFFSET, VISCOUS, robot, written
 from tests.estimation.trajectory.test_simulator_steps import NOISE, moved, scores, steps_of, told
 
+TRUTH = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
 STEP = DT / 10
 LIVELY = 0.1
 """rad; smooth motion hardly shows loops."""
@@ -89,3 +93,25 @@ def test_a_loop_runs_at_parts_of_a_sample(tmp_path: Path, period: float, dt: flo
 
 def test_instants_of_loops_fall_on_parts_of_a_sample() -> None:
     np.testing.assert_array_equal(parts_of_loops(np.array([0.0, 1.0, 2.5, 0.8, 0.2, 4.0])), [1, 1, 5, 4, 1, 4])
+
+
+def test_a_loop_that_misses_commands_is_found_by_those_that_it_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Commands change at every sample of 5 ms; on average they are taken 3.5 ms late, as by a delay."""
+    found = told(tmp_path, capsys, moved(6, 6.0, STEP, loop=8e-3))
+    assert periods_of(found) == {name: pytest.approx(8e-3) for name in NAMES}
+    assert np.abs(scores(found)).max() < 4
+    late = [item["parameters"]["delay"] for item in found["nuisances"] if item["effect"] == "torque_delay"]  # type: ignore[attr-defined]
+    assert np.abs(late).max(initial=0.0) < 5e-5
+
+    # one of two samples hardly shows in smooth motion: the bound knows it
+    open_one = told(tmp_path, capsys, moved(6, 6.0, STEP, loop=1e-2))
+    assert open_one["settings"]["trajectory"]["unseen_loop"] == pytest.approx(1e-2)  # type: ignore[index]
+
+
+def test_a_loop_takes_commands_later_the_longer_it_is(tmp_path: Path) -> None:
+    recording, arm = moved(6, 3.0, STEP), robot(tmp_path)
+    fit, _ = fit_with_columns(arm, commanded_runs(recording, arm), TRUTH)
+    for period, late in ((DT, 0.0), (DT / 2, 0.0), (2 * DT, DT / 2), (1.6 * DT, 0.7 * DT)):
+        np.testing.assert_allclose(late_commands(fit, period), late, atol=0.05 * DT)
