@@ -12,6 +12,7 @@ from elid_cli.estimation.data import FitData, Solved, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.regression.long_run import at_least
+from elid_cli.estimation.regression.nuisances import of_sampling
 from elid_cli.estimation.regression.other_shapes import sentences
 from elid_cli.estimation.regression.standard_errors import by_stretches, freedom
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
@@ -225,8 +226,12 @@ def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
     for k, extra in enumerate(fit.nuisances):
         joint = sum_row(extra).joint
         kind = effect_classes()[extra.name].amplitudes[0].name
-        value = float(delays[joint] if extra.nuisance == "delay" else fit.solution.values[p + k])
-        found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
+        value, error = float(fit.solution.values[p + k]), _deviation(fit, p + k)
+        long = False
+        if extra.nuisance == "delay":
+            value = float(delays[joint])
+            long = not of_sampling(delays[joint], np.array(error), fit.data.facts.dt)
+        found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: error}, long=long))
     return tuple(found), delays
 
 

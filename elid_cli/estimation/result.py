@@ -76,6 +76,15 @@ class Nuisance:
     std_error: Mapping[str, float]
     kept: bool = False
     """Whether other values rest on it, whatever its error: it is written to robots."""
+    long: bool = False
+    """Whether it is a delay of more than a sample: what a model lacks may look like one."""
+    bias_possible: bool = False
+    """Whether what the model lacks can move it by more than its standard error says."""
+
+    @property
+    def doubted(self) -> Nuisance:
+        """The same in a model that lacks something."""
+        return replace(self, bias_possible=self.bias_possible or self.long)
 
 
 @dataclass(frozen=True)

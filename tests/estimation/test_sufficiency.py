@@ -134,6 +134,7 @@ def test_a_torque_that_acts_late_bends_nothing(delay: float, rate: float) -> Non
     found = told(*made(35, Sensors(bits=17, delay=delay, rate=rate)))
     delays = [n.parameters["delay"] for n in found.nuisances if n.effect == "torque_delay"]
     assert delays == pytest.approx([delay / rate] * 2, abs=1e-4)
+    assert not any(n.bias_possible for n in found.nuisances)
     assert np.abs(scores(found)).max() < 4
     assert found.model == "sufficient"
 

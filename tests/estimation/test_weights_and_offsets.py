@@ -98,6 +98,15 @@ def test_delays_stay_where_they_agree_with_one_beyond_doubt_or_with_the_mean() -
     assert not beyond_doubt(np.full(2, np.nan), np.full(2, np.nan), np.ones(2, dtype=bool), 1e-3).any()
 
 
+def test_a_delay_that_stands_far_out_is_none_where_another_one_cannot_be() -> None:
+    delay, deviations = np.ones(2, dtype=bool), np.array([0.7e-3, 1e-3])
+    # a spring that the model lacks: the torque of one joint would act 4 ms before it was logged
+    assert not beyond_doubt(np.array([-4.3e-3, 10.3e-3]), deviations, delay, 1e-3).any()
+    assert beyond_doubt(np.array([-0.9e-3, 10.3e-3]), deviations, delay, 1e-3).tolist() == [False, True]
+    # a clock of their own is another matter: all are logged late alike
+    assert beyond_doubt(np.array([-9.8e-3, -10.3e-3]), deviations, delay, 1e-3).all()
+
+
 THREE = """
 name: three
 gravity: [0, 0, -9.81]

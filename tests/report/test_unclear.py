@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from elid_cli.estimation.judgement import RowNoise
+from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.trend.series import Step, series_of
 from elid_cli.estimation.trend.trends import Trend
 from elid_cli.report.answers.identification_json import model_payload
+from elid_cli.report.answers.inputs import nuisance_items, nuisance_payload
 from elid_cli.report.answers.lacking import is_unclear, lacking_words
 from elid_cli.report.answers.summary import DOUBTS, doubted
 from elid_cli.report.answers.trend import changed_by
+from tests.system.plain_arms import random_arm
 
 
 @pytest.mark.parametrize(
@@ -51,3 +54,18 @@ def test_a_step_is_a_share_of_what_was_before_whatever_the_errors(values: tuple[
     size = found[-1] - found[0]
     stepped = Trend(replace(series, step=Step(1, float(size), 1e-9)), "step")
     assert f"by {said} at once after recording 2" == changed_by(stepped)
+
+
+def test_a_long_delay_of_a_model_that_lacks_something_is_told_with_a_doubt() -> None:
+    robot = random_arm(np.random.default_rng(0), 2).described()
+    short, long = (
+        Nuisance("torque_delay", name, {"delay": delay}, {"delay": 1e-4}, long=delay > 1e-3)
+        for name, delay in zip(robot.joint_names, (5e-4, 0.015), strict=True)
+    )
+    ((_, sure),) = nuisance_items(robot, (short, long))
+    ((_, said),) = nuisance_items(robot, (short.doubted, long.doubted))
+    assert "biased" not in str(sure)
+    first, second = str(said).split("; ")[:2]
+    assert "biased" not in first
+    assert second.endswith("± 0.10 ms (may be biased)")
+    assert ["bias_possible" in item for item in nuisance_payload((short.doubted, long.doubted))] == [False, True]

@@ -134,7 +134,7 @@ def with_doubted_friction(found: Identification, joints: Sequence[MotorSideJoint
 def bent(found: Identification) -> Identification:
     """Return an identification whose parameters may be biased by elasticity that the fit took as rigid.
 
-    Friction acts on the motor and does not go through the spring.
+    Friction acts on the motor and does not go through the spring. What swings behind it looks like a delay.
     """
     marked = (replace(p, bias_possible=p.bias_possible or p.leader.kind not in FRICTION) for p in found.parameters)
-    return replace(found, parameters=tuple(marked))
+    return replace(found, parameters=tuple(marked), nuisances=tuple(item.doubted for item in found.nuisances))

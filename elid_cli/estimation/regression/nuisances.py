@@ -124,6 +124,11 @@ def significant(
     return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 
 
+def of_sampling(delays: Array, deviations: Array, dt: float) -> NDArray[np.bool_]:
+    """Return which delays, s, may be those of a torque that is held for a sample, by their standard deviations."""
+    return short_enough(delays, deviations, 1.05 * dt)
+
+
 def short_enough(delays: Array, deviations: Array, longest: float) -> NDArray[np.bool_]:
     """Return which delays, s, may be no longer than `longest`, by their standard deviations; those that are NaN not."""
     short: NDArray[np.bool_] = np.abs(delays) <= longest + 2 * deviations
@@ -160,10 +165,11 @@ def beyond_doubt(
     sound = np.isfinite(values) & np.isfinite(deviations)
     size = np.abs(values)
     # what is longer than a sample, or negative, may be friction that builds up: it must stand far out, or stays out
-    short = size <= 1.05 * dt + 2 * deviations
-    needed = np.where(delays & ~short, FAR, SIGNIFICANT)
-    kept: NDArray[np.bool_] = sound & (size > needed * deviations)
-    may = delays & sound & (short | ((values > 0) & (size <= LONGEST) & (size > FAR * deviations)))
+    short = of_sampling(values, deviations, dt)
+    doubt = _doubt(size, delays & sound & ~short & (values < 0), dt)
+    far = size > FAR * np.hypot(deviations, doubt)
+    kept: NDArray[np.bool_] = sound & np.where(delays & ~short, far, size > SIGNIFICANT * deviations)
+    may = delays & sound & (short | ((values > 0) & (size <= LONGEST) & far))
     here = may & (deviations > 0)
     if late:
         may = delays & sound & (size <= LONGEST + LIKELY * deviations)
@@ -181,6 +187,14 @@ def beyond_doubt(
     may |= _all_alike(values, delays & sound & (size <= LONGEST) & (size > FAR * deviations), delays)
     kept[delays] = may[delays]
     return kept
+
+
+def _doubt(size: Array, early: NDArray[np.bool_], dt: float) -> float:
+    """Return what else than a delay moves those of a log, s, as torques that act before they were logged show, (k,).
+
+    A spring or a friction that the model lacks moves one joint's delay up and another one's down.
+    """
+    return float(np.max(size[early] - dt, initial=0.0))
 
 
 def _all_alike(values: Array, far: NDArray[np.bool_], delays: NDArray[np.bool_]) -> NDArray[np.bool_]:

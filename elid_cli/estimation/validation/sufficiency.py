@@ -49,6 +49,9 @@ JUDGED = 24_000
 """Samples of a long log that are judged."""
 ABOVE = 1.4
 """Residual over noise from which a row is looked at: encoder noise in the columns is part of that noise."""
+UNCLEAR = 2.5
+"""Times the sensors' white noise from which what is left is not called nothing: torque noise with a memory may leave
+that much, and so may what follows no variable alone."""
 FAR_ABOVE, OWN = 3.0, 2.0
 """Residual of a motor's own row over its noise, and over the whole joint's, from which it is no noise of the torque:
 both rows hold that."""
@@ -69,6 +72,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         return found
     noise = told[0].noise if len(said) == 1 else _joined(told)
     insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
+    lacks = bool(insufficient) or any(item.ratio > UNCLEAR for item in noise)
     biased = np.any([one.biased for one in told], axis=0)
     records = zip(found.parameters, biased.tolist(), strict=True)
     error = above_noise(found.error, found.robot, noise)
@@ -79,6 +83,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         noise=noise,
         insufficient=tuple(insufficient.values()),
         model="insufficient" if insufficient else "sufficient",
+        nuisances=tuple(item.doubted for item in found.nuisances) if lacks else found.nuisances,
         warnings=(*found.warnings, *too_quiet(found, noise), *unpredicted(error)),
     )
 

@@ -113,15 +113,17 @@ def nuisance_items(robot: Robot, nuisances: Sequence[Any]) -> Items:
     kinds: dict[str, list[str]] = {}
     for n in nuisances:
         errors = n.std_error if nuisance_of(n.effect) == "delay" else {}
+        doubt = " (may be biased)" if n.bias_possible else ""
         kinds.setdefault(n.effect, []).append(
-            f"{n.joint} {effect_text(robot, n.effect, n.joint, n.parameters, errors)}"
+            f"{n.joint} {effect_text(robot, n.effect, n.joint, n.parameters, errors)}{doubt}"
         )
     return tuple((kind.replace("_", " "), f"{'; '.join(found)}; corrected") for kind, found in kinds.items())
 
 
 def nuisance_payload(nuisances: Sequence[Any]) -> list[dict[str, Any]]:
     """Return the list ``nuisances`` of JSON."""
-    return [picked(n, "effect joint parameters std_error") for n in nuisances]
+    names = "effect joint parameters std_error"
+    return [picked(n, f"{names} bias_possible" if getattr(n, "bias_possible", False) else names) for n in nuisances]
 
 
 def span_words(spans: Sequence[tuple[float, float]]) -> str:

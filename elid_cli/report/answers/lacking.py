@@ -12,14 +12,11 @@ from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
 from elid_cli.estimation.validation.following import APART, DEFLECTION, LOGS, PACE
-from elid_cli.estimation.validation.sufficiency import ABOVE
+from elid_cli.estimation.validation.sufficiency import ABOVE, UNCLEAR
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
 from elid_cli.report.tree import number_text
 
-UNCLEAR = 2.5
-"""Times the sensors' white noise from which what is left is not called nothing: torque noise with a memory may leave
-that much, and so may what follows no variable alone."""
 LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 
