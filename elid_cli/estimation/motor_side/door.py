@@ -130,8 +130,9 @@ def with_motor_side(found: Identification, side: MotorSide | None, *, corrected:
         notes = [note for note in notes if not note.startswith(f"{name} cannot be identified")]
         hidden.pop(name, None)
         if joint.verdict == "refused":
-            hidden[name] = joint.says
-        notes.append(f"{name}: {_note(joint, side.source)}")
+            hidden[name] = joint.reason
+        else:
+            notes.append(f"{name}: {_note(joint, side.source)}")
     from elid_cli.estimation.motor_side.hidden_motion import bent, with_doubted_friction
 
     limit = rigid_limit(side)
@@ -165,8 +166,6 @@ def _may_bend(found: Identification, joint: MotorSideJoint) -> bool:
 
 
 def _note(joint: MotorSideJoint, source: str) -> str:
-    if joint.verdict == "refused":
-        return joint.says
     why = f" ({joint.reason}: right only if friction and gravity are as modelled)" if joint.verdict == "weak" else ""
     logs = f", {joint.together}" if joint.together else ""
     return f"from {source}, {joint.verdict}{why}{logs}; resonance {joint.resonance:.3g} Hz"

@@ -25,7 +25,7 @@ from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import search
 from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
-from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
+from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, suffices, verdict_of
 from elid_cli.estimation.motor_side.vibration import Vibration
 from elid_cli.model.antiresonance import PAST, RIGID_ERROR, expected_antiresonance
 from elid_cli.robot.locking import locked
@@ -259,7 +259,8 @@ def _judged(
     verdict = verdict_of(failed)
     judged = replace(base, verdict=verdict, failed=failed, reason=why(failed), gates=_gates(told, place))
     if verdict == "refused":
-        return judged
+        expected = motion.top / PAST if motion.known else float(told.antiresonance[place])
+        return replace(judged, motion=None) if suffices(failed, base.band, expected) else judged
     c, error = float(told.compliance[place]), float(told.error[place])
     doubtful = told.chi > WELL_FITTED or _crawls(told, place, FALL)
     share = max(error / c, LEAST_DOUBTFUL if doubtful else LEAST_ERROR)

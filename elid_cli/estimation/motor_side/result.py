@@ -22,6 +22,14 @@ CLEAR = 5.0
 """Standard errors of load friction from which it is told."""
 TOLD = 2
 """Gates that a reason names."""
+LACKS = frozenset({"misfit", "noise"})
+"""Gates that a model which lacks something does not pass, whatever the motion."""
+ENOUGH = (
+    "this motion passes the antiresonance, as far as this fit can tell, so another like it shows no more. Look for a "
+    "wrong torque scale, friction that differs between driving and back-driving, an error that repeats with the gear's "
+    "angle, a mode of the links; elid diagnose names some of these"
+)
+"""What is said of a joint whose stiffness another motion would not show."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +50,17 @@ class NextMotion:
 
     @property
     def words(self) -> str:
-        """The motion as one sentence."""
+        """The motion, and the command that makes it, as one sentence."""
+        return f"{self.motion}; `elid excite --robot FILE -o stiffness.csv --show-stiffness {self.option}` makes it"
+
+    @property
+    def motion(self) -> str:
+        """The motion in words."""
         low, high = (_plain(value, 2) for value in self.torque)
         why = "1.3 times the antiresonance that the file's K means" if self.known else "a guess from this log's band"
         return (
             f"10 s, logged at {log_rate(self.top):.0f} Hz, of slow wide motion with a torque multisine of {low} to "
-            f"{high} {self.unit} on top, 1 Hz to {_plain(self.top)} Hz ({why}); `elid excite --robot FILE "
-            f"-o stiffness.csv --show-stiffness {self.option}` makes it"
+            f"{high} {self.unit} on top, 1 Hz to {_plain(self.top)} Hz ({why})"
         )
 
     @property
@@ -90,6 +102,7 @@ class MotorSideJoint:
     reason: str = ""
     """Why it is weak or refused."""
     motion: NextMotion | None = None
+    """None where it is known, or no other motion would show it."""
     response: Response | None = None
     """The motor's acceleration over its torque; None where refused."""
     together: str = ""
@@ -104,11 +117,24 @@ class MotorSideJoint:
 
     @property
     def says(self) -> str:
-        """Return the reason with what would show the stiffness, a sentence or two."""
-        if self.verdict == "refused":
-            shown = f"; what would show it: {self.motion.words}" if self.motion else ""
-            return f"{NOT_SHOWN} ({self.reason}){shown}"
-        return "; ".join(part for part in (self.together, self.reason) if part)
+        """The reason with what would show the stiffness, a sentence or two."""
+        return self._said("" if self.motion is None else self.motion.words)
+
+    @property
+    def told(self) -> str:
+        """The same without the command that makes the motion."""
+        return self._said("" if self.motion is None else self.motion.motion)
+
+    def _said(self, motion: str) -> str:
+        if self.verdict != "refused":
+            return "; ".join(part for part in (self.together, self.reason) if part)
+        shown = f"; what would show it: {motion}" if motion else f"; {ENOUGH}" if self.lacking else ""
+        return f"{NOT_SHOWN} ({self.reason}){shown}"
+
+    @property
+    def lacking(self) -> bool:
+        """Whether it is refused for what the model lacks: its motion suffices."""
+        return self.verdict == "refused" and self.motion is None and bool(LACKS & set(self.failed))
 
     @property
     def load_friction(self) -> float:
@@ -182,5 +208,5 @@ def why(failed: tuple[str, ...]) -> str:
     """Return the weightiest failed gates in words: others follow from them."""
     from elid_cli.estimation.motor_side.verdict import WORDS
 
-    weightiest = sorted(failed, key=list(WORDS).index)
+    weightiest = sorted(set(failed) - ({"noise"} if "misfit" in failed else set()), key=list(WORDS).index)
     return "; ".join(WORDS[name] for name in weightiest[:TOLD])

@@ -12,6 +12,7 @@ import numpy as np
 from elid_cli.estimation.motor_side.best_end import CREEPS, FALL
 from elid_cli.estimation.motor_side.columns import EXPLAINED, MISFIT, UNFIT
 from elid_cli.estimation.motor_side.refits import GAIN, Figures, Moves
+from elid_cli.estimation.motor_side.result import LACKS
 from elid_cli.estimation.motor_side.search import CLOSE
 from elid_cli.estimation.result import Verdict
 
@@ -55,7 +56,8 @@ WORDS = {
     "sign": "a rigid joint fits as well",
     "gain": "a rigid joint fits nearly as well",
     "band": "the motion ends below the antiresonance",
-    "misfit": "the model does not reach the sensors' noise",
+    "misfit": "the fit leaves far more than the sensors' noise: the model lacks something, or the search ended beside "
+    "the best fit",
     "noise": "the torque is fitted to some 0.3 %, but not to 0.1 % or the sensors' noise",
     "sharper": "it moves with how closely the torque must be fitted",
     "sure": "the compliance is within its error of none",
@@ -68,6 +70,7 @@ WORDS = {
     "spring": "it moves with lost motion in the transmission",
     "halves": "halves of the log disagree",
     "rotor": "the rotor's inertia contradicts the robot file",
+    "other_rotor": "another joint's rotor inertia contradicts the robot file, so the fit as a whole is wrong",
     "rotor_told": "it follows the rotor's inertia in the robot file",
     "other_end": "another stiffness fits as well",
     "valley": "values further off fit nearly as well",
@@ -87,6 +90,11 @@ def verdict_of(failed: Sequence[str]) -> Verdict:
     if not failed:
         return "supported"
     return "weak" if list(failed) == ["band"] else "refused"
+
+
+def suffices(failed: Sequence[str], band: float, antiresonance: float) -> bool:
+    """Return whether a motion shows all that one can: it passes the antiresonance, Hz, and the model lacks more."""
+    return bool(LACKS & set(failed)) and band >= REACH * antiresonance
 
 
 def failed_gates(told: Figures, joint: int) -> list[str]:
@@ -162,9 +170,11 @@ def _shared(told: Figures, i: int) -> list[str]:
 def _possible(told: Figures, i: int) -> list[str]:
     """Return failed gates about whether the other unknowns have possible values, those of other joints included."""
     pull = np.abs(told.rotor_pull)
+    others = np.delete(pull, i)
     load, load_error = told.load_friction[i], told.load_friction_error[i]
     checks = {
-        "rotor": pull[i] <= PULL and pull.max() <= PULL_OTHER,
+        "rotor": pull[i] <= PULL,
+        "other_rotor": others.max(initial=0.0) <= PULL_OTHER,
         "rotor_told": told.rotor_sensitivity[i] <= SENSITIVITY,
         "delay": abs(told.delay) <= DELAY,
         "damping": abs(told.damping[i]) * 2 * np.pi * told.antiresonance[i] <= DAMPING,

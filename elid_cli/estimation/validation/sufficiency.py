@@ -5,7 +5,7 @@ Noise alone, white or with a memory, leaves a residual that has nothing to do wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import full_columns
-from elid_cli.estimation.result import Identification
+from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import (
@@ -40,6 +40,7 @@ from elid_cli.estimation.validation.one_moment import moment_of
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.estimation.validation.unpredicted import unpredicted
+from elid_cli.estimation.validation.verdicts import hidden_by_rest
 from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
@@ -72,9 +73,9 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         return found
     noise = told[0].noise if len(said) == 1 else _joined(told)
     insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
-    lacks = bool(insufficient) or any(item.ratio > UNCLEAR for item in noise)
     biased = np.any([one.biased for one in told], axis=0)
-    records = zip(found.parameters, biased.tolist(), strict=True)
+    far = {item.joint for item in noise if item.ratio > UNCLEAR}
+    records = zip((_hidden(item, found.robot, far) for item in found.parameters), biased.tolist(), strict=True)
     error = above_noise(found.error, found.robot, noise)
     return replace(
         found,
@@ -83,9 +84,15 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         noise=noise,
         insufficient=tuple(insufficient.values()),
         model="insufficient" if insufficient else "sufficient",
-        nuisances=tuple(item.doubted for item in found.nuisances) if lacks else found.nuisances,
+        nuisances=tuple(item.doubted for item in found.nuisances) if insufficient or far else found.nuisances,
         warnings=(*found.warnings, *too_quiet(found, noise), *unpredicted(error)),
     )
+
+
+def _hidden(item: BaseEstimate, robot: Robot, far: Container[str]) -> BaseEstimate:
+    """Return a parameter with its reason; `far` are joints with far more than noise left, which makes its error."""
+    label = robot.joint_names[item.leader.joint]
+    return replace(item, reason=hidden_by_rest(item.reason, label)) if label in far else item
 
 
 def with_differing_logs(found: Identification) -> Identification:

@@ -32,6 +32,10 @@ TURNED = "or one of its positions has the wrong sign, or q and theta are swapped
 """What a stiffness that is clearly negative tells of a joint's torque."""
 TOO_LITTLE = "the motion excites it too little"
 """Why a parameter is weak where nothing more particular is known."""
+HIDES = "hides it"
+"""What a reason ends with where what the model leaves is why a parameter is weak."""
+MOVES_LITTLE = "moves too little against the noise"
+"""The same of a motor's parameter."""
 HELD = "held at the robot file's value"
 """What the reason of a parameter begins with that was not looked for."""
 TORQUE_SHARE = 0.01
@@ -144,13 +148,19 @@ def why(members: Sequence[StandardParameter], robot: Robot, facts: SignalFacts) 
     if kind == "K":
         return f"too little torque that varies passes through the transmission of {label}"
     if kind in MOTOR_PARAMETERS:
-        return f"the motor of {label} moves too little against the noise"
+        return f"the motor of {label} {MOVES_LITTLE}"
     if kind in ("m", "cx", "cy", "cz") and not any(robot.gravity):
         return "there is no gravity, which first moments and masses show in"
     if still:
         return f"{', '.join(still)} {'does' if len(still) == 1 else 'do'} not move"
     missing = missing_gravity(joint, robot, facts) if kind in ("m", "cx", "cy", "cz") else ""
     return missing or TOO_LITTLE
+
+
+def hidden_by_rest(reason: str, label: str) -> str:
+    """Return why a parameter is weak at a joint where far more than noise is left: its error grows with that."""
+    cause = f"what is left at {label} {HIDES}"
+    return reason.replace(TOO_LITTLE, cause).replace(f"the motor of {label} {MOVES_LITTLE}", cause)
 
 
 def missing_gravity(joint: int, robot: Robot, facts: SignalFacts) -> str:

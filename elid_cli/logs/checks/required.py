@@ -124,6 +124,13 @@ def _drop_sensors(filled: dict[str, Array], robot: Robot) -> list[str]:
     return warnings
 
 
+def _unlinked(names: Sequence[str], elsewhere: str, *, shown: bool) -> list[str]:
+    """Say what becomes of elastic joints without link position; `shown`: their motors' torque shows the stiffness."""
+    counts, whose = ("its transmission counts", "its") if len(names) == 1 else ("their transmissions count", "their")
+    looked = f"; elid identify looks for {whose} stiffness by theta and tau" if shown else ""
+    return [f"{' '.join(names)}: no link position q: {counts} as rigid{looked}{elsewhere}"]
+
+
 def _lacking(
     robot: Robot, fault: MissingSignal, unplaced: NDArray[np.bool_], untorqued: NDArray[np.bool_], *, strict: bool
 ) -> list[str]:
@@ -140,8 +147,9 @@ def _lacking(
         lacking = [name for name, none in zip(robot.joint_names, unplaced, strict=True) if none]
         if strict or "q" in fault.plan.unusable:
             fault.refuse("q", lacking[0], "no link position")
-        counts = "its transmission counts" if len(lacking) == 1 else "their transmissions count"
-        warnings.append(f"{' '.join(lacking)}: no link position q: {counts} as rigid{fault.elsewhere('q', lacking)}")
+        seen = [name for name, none in zip(robot.joint_names, unplaced & ~untorqued, strict=True) if none]
+        for names in (seen, [name for name in lacking if name not in seen]):
+            warnings += _unlinked(names, fault.elsewhere("q", names), shown=names is seen) if names else []
     if untorqued.any():
         lacking = [name for name, none in zip(robot.joint_names, untorqued, strict=True) if none]
         if strict:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.validation.verdicts import TOO_LITTLE
+from elid_cli.estimation.validation.verdicts import hidden_by_rest
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.known import parameter_words
@@ -133,7 +133,7 @@ def reasons_table(found: Identification, hiding: Collection[int] = ()) -> list[S
         if kind in ("weak", "not excited"):
             reason = found.reasons.get(name, "")
             if places.get(name) in hiding:  # a stiffness looked for from the motor side is none of the model's
-                reason = reason.replace(TOO_LITTLE, f"what is left at {names[places[name]]} hides it")
+                reason = hidden_by_rest(reason, names[places[name]])
             groups.setdefault((kind, reason), []).append(name)
     if not groups:
         return []

@@ -22,6 +22,7 @@ NOTE = (
     "rigid to: a rigid joint's torque is within 5 % up to there; antiresonance: link against held motor; resonance: "
     "link against rotor"
 )
+NO_OTHER = "no other motion: first find what the model lacks, with elid diagnose"
 TONES: dict[str, Tone] = {"supported": "good", "weak": "warn", "refused": "bad"}
 
 
@@ -36,7 +37,13 @@ def motor_side_sections(found: Identification) -> list[Section]:
         *Column.numbers("Hz", rigid_to="rigid to", antiresonance="antires.", resonance="resonance"),
     )
     rows = tuple(_row(found, joint) for joint in joints)
-    said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.says]
+    texts: dict[str, list[MotorSideJoint]] = {}
+    for joint in (joint for joint in joints if joint.told):
+        texts.setdefault(joint.told, []).append(joint)
+    said = [
+        Text(f"motor_side{members[0].number}", f"{in_words([str(joint.parameter) for joint in members], 6)}: {text}")
+        for text, members in texts.items()
+    ]
     said += sensor_sections(found.motor_side.sensors)
     title = f"stiffness from {found.motor_side.source} (no link position in this log)"
     return [Table("motor_side", columns, rows, title=title, note=NOTE), *said]
@@ -45,18 +52,20 @@ def motor_side_sections(found: Identification) -> list[Section]:
 def stiffness_items(found: Identification, robot: str) -> Items:
     """Return the motion that would show the stiffnesses that this log does not, and the command that plans it.
 
-    `robot` is what ``--robot`` was given.
+    `robot` is what ``--robot`` was given. Of those that no other motion would show, that.
     """
     joints = found.motor_side.joints if found.motor_side else ()
     motions = [joint.motion for joint in joints if joint.motion]
+    lacking = [joint.joint for joint in joints if joint.lacking]
+    none = ((f"for the stiffness of {in_words(lacking, 6)}", NO_OTHER),) if lacking else ()
     if not motions:
-        return ()
+        return none
     command = ["elid", "excite", "--robot", robot, "-o", "stiffness.csv"]
     for motion in motions:
         command += ["--show-stiffness", motion.option]
     names = in_words([motion.joint for motion in motions], 6)
     wanted = "slow wide motion with a torque multisine past the antiresonance"
-    return ((f"for the stiffness of {names}", wanted), ("command for that", shlex.join(command)))
+    return ((f"for the stiffness of {names}", wanted), ("command for that", shlex.join(command)), *none)
 
 
 def sensor_sections(sensors: Sequence[LinkSensor]) -> list[Text]:

@@ -16,7 +16,7 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.known_load import BESIDE_BODIES
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
-from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE, TORQUE_SHARE, TURNED, WEAK
+from elid_cli.estimation.validation.verdicts import HELD, HIDES, IMPOSSIBLE, TORQUE_SHARE, TURNED, WEAK
 from elid_cli.logs.checks.known_inertias import RUNS
 from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.logs.checks.limits import WRONG
@@ -68,6 +68,8 @@ NEEDS = {
     "fv": "fast and slow motion of {} in both directions",
 }
 """What a log must hold to show a parameter of a joint's drive or transmission."""
+FIRST = "first find what is left at {}, with elid diagnose"
+"""What a parameter needs that is hidden by what the model leaves."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""
 
@@ -242,7 +244,7 @@ def record_sections(
     items = [*further, *(
         (f"for {listed([called(item.name) for item in members])}",
          _where(need, [item.leader.joint for item in members], joints))
-        for need, members in groups.items()
+        for need, members in sorted(groups.items(), key=lambda item: item[0] == FIRST)
     )]  # fmt: skip
     if not items:
         check = "Nothing more for these parameters. A second log would check them: elid validate."
@@ -258,7 +260,7 @@ def record_sections(
         return check, []
     sentence = f"{upper(cell_text(items[0][1]))} ({items[0][0]}){'; more below' if len(items) > 1 else ''}."
     command = plan_command(log, robot)
-    if (groups or found.drives or (plan and not further)) and command != following:
+    if (groups.keys() - {FIRST} or found.drives or (plan and not further)) and command != following:
         items.append(("command that plans it", command))
     return sentence, [KeyValues("record", tuple(items), "what to record next")]
 
@@ -280,6 +282,8 @@ def _needed(item: BaseEstimate) -> str:
                 "no torque": f"the torque of {joint}",
                 "move it into": f"more poses of {joint} against gravity",
             }.get(known, f"motion of {joint}")
+    if item.reason.endswith(HIDES):
+        return FIRST
     if "encoder noise" in item.reason:
         return f"more load on {joint} or finer encoders"
     return NEEDS.get(kind, f"stronger accelerations, in more poses, of {joint}{AFTER}")

@@ -196,7 +196,10 @@ def test_the_same_fault_of_several_logs_is_one_sentence(tmp_path: Path) -> None:
     whole = table().without("q.joint2").text().splitlines()[:1501]
     first = saved(tmp_path, "\n".join(whole), "first.csv")
     second = saved(tmp_path, "\n".join([whole[0], *whole[250:]]), "second.csv")
-    said = f"warning: {first}, {second}: joint2: no link position q: its transmission counts as rigid"
+    said = (
+        f"warning: {first}, {second}: joint2: no link position q: its transmission counts as rigid; elid identify "
+        "looks for its stiffness by theta and tau"
+    )
     for verb in ("identify", "validate"):
         done = elid(verb, first, second, "--robot", ROBOT, "--json")
         assert done.err.splitlines().count(said) == 1
