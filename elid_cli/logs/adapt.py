@@ -26,6 +26,8 @@ from elid_cli.robot.locking import beyond_limits, locked
 from elid_cli.robot.mjcf.held import folded
 from elid_cli.robot.robot import Joint, Robot
 
+YIELDING = "with transmission: elastic in the robot file, identify looks for a stiffness"
+"""What a note says of joints that are taken as rigid with nothing but their motors' positions."""
 SAME = "q and theta differ by no more than a constant and sensor noise"
 APART = 0.02
 """rad or m from where a joint is locked beyond which it is said to be elsewhere: zeros differ by less."""
@@ -83,7 +85,9 @@ def robot_as_logged(
             elastic = spring or (both and not all(joint.name in part.twice for part in parts))
             joints[k] = replace(joint, transmission="elastic" if elastic else "rigid")
             reason = "the log holds both positions" if both else "the description gives K"
-            said = f"elastic: {reason}" if elastic else f"rigid: {SAME}" if both else "rigid"
+            motors = bool(parts) and all(joint.name in part.motor - part.link for part in parts)
+            other = f"rigid: {SAME}" if both else f"rigid: {YIELDING}" if motors else "rigid"
+            said = f"elastic: {reason}" if elastic else other
             decided.setdefault(said, []).append(joint.name)
     if parts:
         notes += [f"{_listed(names)} taken as {what}" for what, names in decided.items()]

@@ -17,6 +17,7 @@ from elid_cli.cli import main
 from elid_cli.errors import RobotError, UsageError
 from elid_cli.experiment.simulation.run import simulate
 from elid_cli.logs import read_map_options, read_recording, robot_as_logged
+from elid_cli.logs.adapt import YIELDING
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
@@ -61,7 +62,10 @@ def test_a_log_with_q_alone_makes_the_joints_rigid(arm: Path, tmp_path: Path) ->
     log = csv(tmp_path / "log.csv", waves(names))
     robot = robot_as_logged(read_robot(arm), [log])
     assert [joint.transmission for joint in robot.joints] == ["rigid"] * 5
-    assert any("taken as rigid" in note for note in robot.notes)
+    (said,) = (note for note in robot.notes if "taken as rigid" in note)
+    assert YIELDING not in said  # a stiffness from the motor's side wants the motor's position
+    motors = csv(tmp_path / "motors.csv", {name.replace("q.", "theta."): v for name, v in waves(names).items()})
+    assert any(YIELDING in note for note in robot_as_logged(read_robot(arm), [motors]).notes)
     recording = read_recording([log], robot)
     np.testing.assert_array_equal(recording.q, recording.theta)
 

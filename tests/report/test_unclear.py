@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from elid_cli.estimation.judgement import RowNoise
+from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.trend.series import Step, series_of
 from elid_cli.estimation.trend.trends import Trend
+from elid_cli.estimation.validation.sufficiency import far_off
 from elid_cli.report.answers.identification_json import model_payload
 from elid_cli.report.answers.inputs import nuisance_items, nuisance_payload
 from elid_cli.report.answers.lacking import is_unclear, lacking_words
@@ -54,6 +56,19 @@ def test_a_step_is_a_share_of_what_was_before_whatever_the_errors(values: tuple[
     size = found[-1] - found[0]
     stepped = Trend(replace(series, step=Step(1, float(size), 1e-9)), "step")
     assert f"by {said} at once after recording 2" == changed_by(stepped)
+
+
+def test_what_is_far_off_and_follows_nothing_of_a_joint_may_bias_all_of_its_parameters() -> None:
+    found = judged_far_off({"j1": 12.0, "j2": 3.0})
+    assert found == {"j1"}
+    follows = [Insufficient("j1", "sum", 40.0, name, 0.5) for name in ("time", "load")]
+    assert judged_far_off({"j1": 40.0}, follows[:1]) == {"j1"}
+    assert judged_far_off({"j1": 40.0}, follows[1:]) == set()  # which parameters a load moves is known
+
+
+def judged_far_off(ratios: dict[str, float], insufficient: Sequence[Insufficient] = ()) -> set[str]:
+    noise = [RowNoise(name, "sum", 0.1, ratio, 0.02) for name, ratio in ratios.items()]
+    return far_off(noise, insufficient)
 
 
 def test_a_long_delay_of_a_model_that_lacks_something_is_told_with_a_doubt() -> None:

@@ -36,6 +36,8 @@ LOGS = "logs"
 """What a residual follows that differs between logs which were fitted together."""
 APART = "rows"
 """What a residual follows that its row's own parameters would take: rows that share them ask for other values."""
+TIME, OTHERS = "time", "other joints' speed"
+"""Groups that are no variable of a joint itself: much may follow them."""
 DEFLECTION = "deflection alone"
 """What a residual follows that the whole joint's torque has hardly any of: no torque noise, but a fault of the
 transmission or its encoders."""
@@ -90,10 +92,10 @@ def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> di
         groups["deflection"] = [*bends(deflection - deflection.mean()), unit(speed - dq[joint]), ones]
         groups["link speed"] = bends(dq[joint])
     course = np.pi * np.linspace(0.0, 1.0, len(speed))
-    groups["time"] = [np.cos(k * course) * v for k in range(1, 5) for v in (ones, sign, size)]
+    groups[TIME] = [np.cos(k * course) * v for k in range(1, 5) for v in (ones, sign, size)]
     others = [k for k in range(robot.n) if k != joint and not signals.still[k]]
     if others:
-        groups["other joints' speed"] = [unit(dtheta[k]) for k in others]
+        groups[OTHERS] = [unit(dtheta[k]) for k in others]
     return {name: np.array(values) for name, values in groups.items()}
 
 

@@ -13,6 +13,7 @@ from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
 from elid_cli.estimation.validation.following import APART, DEFLECTION, LOGS, PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE, UNCLEAR
+from elid_cli.logs.adapt import YIELDING
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
 from elid_cli.report.tree import number_text
@@ -28,6 +29,8 @@ def words_of(found: Identification) -> str:
     if not said and not (loaded and found.model == "not judged"):
         said = lacking_words(found.model, found.insufficient, found.noise, alone=found.robot.n == 1)
     said = " ".join(part for part in (loaded, said) if part)
+    if (found.insufficient or is_unclear(found.noise)) and any(YIELDING in note for note in found.robot.notes):
+        said += f" A transmission that yields looks like this, too: {YIELDING}."
     joints = found.motor_side.joints if found.motor_side else ()
     unshown = [joint.joint for joint in joints if joint.verdict == "refused"]
     if unshown:
