@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from elid_cli.estimation.motor_side.best_end import FALL, RESTS, Search
 from elid_cli.estimation.motor_side.columns import EXPLAINED, MISFIT
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.motor_side.latent_fit import LatentFit
-from elid_cli.estimation.motor_side.link_sensors import LinkSensors, Mounted, sensors_of
+from elid_cli.estimation.motor_side.link_sensors import LinkSensors, Mounted, fewer_of, left_out, sensors_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.motor_log import HIGHEST, Samples
 from elid_cli.estimation.motor_side.mounting import mounted
@@ -25,7 +25,16 @@ from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import search
 from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
-from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, suffices, verdict_of
+from elid_cli.estimation.motor_side.verdict import (
+    CRAWLS,
+    MOVE,
+    RISES,
+    TIGHT,
+    failed_gates,
+    suffices,
+    taken_as_rigid,
+    verdict_of,
+)
 from elid_cli.estimation.motor_side.vibration import Vibration
 from elid_cli.model.antiresonance import PAST, RIGID_ERROR, expected_antiresonance
 from elid_cli.robot.locking import locked
@@ -77,8 +86,6 @@ def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> 
 
 PLACED = 0.05
 """Standard error up to which a coordinate of an accelerometer's place is told, m."""
-MISLEADS = "the equations fit better without sensors of its kind: one may saturate, or sit on another link"
-"""Why sensors of a kind are left out that agree with the motors' slow motion."""
 
 
 def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> MotorSide:
@@ -92,18 +99,34 @@ def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked:
         used, strange = _mounted(samples, seen)
         setting, total = _setting(seen, samples, used)
         answer = _answer(setting)
-        for fewer in _fewer(used):
+        for fewer in fewer_of(used):
             if answer is not None and answer.told.chi <= MISFIT:
                 break
             other, _ = _setting(seen, samples, fewer)
             found = _answer(other)
             if found is not None and (answer is None or found.told.chi <= MISFIT):
-                strange = _left_out(strange, sensors, fewer)
+                strange = left_out(strange, sensors, fewer)
                 setting, answer = other, found
-    joints = [_judged(robot, k, list(moving).index(k), setting, answer, total) for k in asked]
+        places = [list(moving).index(k) for k in asked]
+        rigid = [] if answer is None else taken_as_rigid(answer.failed, places)
+        again = _with_rigid(seen, setting, rigid) if rigid else None
+    fits = [again if again is not None and place not in rigid else (setting, answer, total) for place in places]
+    joints = [_judged(robot, k, place, *fit) for k, place, fit in zip(asked, places, fits, strict=True)]
     seconds = float(samples.t[-1] - samples.t[0])
     told = _sensors(seen, sensors, strange, answer)
-    return MotorSide(tuple(joints), float("nan") if answer is None else answer.told.chi, seconds, told)
+    last = answer if again is None else again[1]
+    return MotorSide(tuple(joints), float("nan") if last is None else last.told.chi, seconds, told)
+
+
+def _with_rigid(robot: Robot, setting: Setting, rigid: Sequence[int]) -> tuple[Setting, _Answer, Array] | None:
+    """Return what a log says with some of its joints as rigid, or None where that leaves more than noise.
+
+    The rotor of a joint that does not yield, its damper and a compliance without a sign run off together.
+    """
+    joints = [replace(joint, transmission="rigid") if k in rigid else joint for k, joint in enumerate(robot.joints)]
+    other, total = _setting(replace(robot, joints=tuple(joints)), setting.samples, setting.samples.sensors)
+    answer = _answer(other)
+    return None if answer is None or answer.told.chi > EXPLAINED else (other, answer, total)
 
 
 def _setting(robot: Robot, samples: Samples, sensors: Sequence[LinkSensors]) -> tuple[Setting, Array]:
@@ -111,23 +134,6 @@ def _setting(robot: Robot, samples: Samples, sensors: Sequence[LinkSensors]) -> 
     samples, link = replace(samples, sensors=tuple(sensors)), LinkSide(robot, [own.joints for own in sensors])
     rotors, total = rotors_of(robot, link, samples)
     return Setting(samples, link, rotors), total
-
-
-def _fewer(used: Sequence[LinkSensors]) -> Iterator[list[LinkSensors]]:
-    """Yield fewer sensors: one kind of two, then none."""
-    present = [own.kind for own in used if own.joints]
-    for kept in (*((kind,) for kind in present if len(present) > 1), ()) if present else ():
-        yield [own if own.kind in kept else own.only(()) for own in used]
-
-
-def _left_out(
-    strange: Sequence[Mapping[int, str]], logged: Sequence[LinkSensors], kept: Sequence[LinkSensors]
-) -> list[dict[int, str]]:
-    """Return why sensors are left out, with those that the equations do not fit with."""
-    return [
-        dict(why) if own.joints else dict.fromkeys(range(len(whole.joints)), MISLEADS) | dict(why)
-        for why, whole, own in zip(strange, logged, kept, strict=True)
-    ]
 
 
 def _mounted(samples: Samples, robot: Robot) -> tuple[tuple[LinkSensors, ...], list[dict[int, str]]]:

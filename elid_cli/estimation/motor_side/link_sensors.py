@@ -7,7 +7,7 @@ is its mounting rotation with its scale errors. M, bias, d and r are unknown, ne
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -26,6 +26,9 @@ DELAY_SPREAD = 5e-3
 """Prior standard deviation of a delay, s."""
 APART = 0.3
 """Least part of a joint's own motion that must be apart from that of the other elastic joints to be seen."""
+
+MISLEADS = "the equations fit better without sensors of its kind: one may saturate, or sit on another link"
+"""Why sensors of a kind are left out that agree with the motors' slow motion."""
 
 
 @dataclass(frozen=True)
@@ -245,3 +248,20 @@ def watched(
         length = float(np.linalg.norm(own))
         seen[k] = length > 0 and float(np.linalg.norm(left)) > APART * length
     return seen
+
+
+def fewer_of(used: Sequence[LinkSensors]) -> Iterator[list[LinkSensors]]:
+    """Yield fewer sensors: one kind of two, then none."""
+    present = [own.kind for own in used if own.joints]
+    for kept in (*((kind,) for kind in present if len(present) > 1), ()) if present else ():
+        yield [own if own.kind in kept else own.only(()) for own in used]
+
+
+def left_out(
+    strange: Sequence[Mapping[int, str]], logged: Sequence[LinkSensors], kept: Sequence[LinkSensors]
+) -> list[dict[int, str]]:
+    """Return why sensors are left out, with those that the equations do not fit with."""
+    return [
+        dict(why) if own.joints else dict.fromkeys(range(len(whole.joints)), MISLEADS) | dict(why)
+        for why, whole, own in zip(strange, logged, kept, strict=True)
+    ]

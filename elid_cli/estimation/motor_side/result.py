@@ -24,6 +24,8 @@ TOLD = 2
 """Gates that a reason names."""
 LACKS = frozenset({"misfit", "noise"})
 """Gates that a model which lacks something does not pass, whatever the motion."""
+FOLLOWS = {"noise": "misfit", "rotor": "sign", "rotor_told": "sign", "damping": "sign"}
+"""Gates that are not told beside another one: without a spring a rotor and a damper are nothing of the robot's."""
 ENOUGH = (
     "this motion passes the antiresonance, as far as this fit can tell, so another like it shows no more. Look for a "
     "wrong torque scale, friction that differs between driving and back-driving, an error that repeats with the gear's "
@@ -208,5 +210,5 @@ def why(failed: tuple[str, ...]) -> str:
     """Return the weightiest failed gates in words: others follow from them."""
     from elid_cli.estimation.motor_side.verdict import WORDS
 
-    weightiest = sorted(set(failed) - ({"noise"} if "misfit" in failed else set()), key=list(WORDS).index)
+    weightiest = sorted({name for name in failed if FOLLOWS.get(name) not in failed}, key=list(WORDS).index)
     return "; ".join(WORDS[name] for name in weightiest[:TOLD])

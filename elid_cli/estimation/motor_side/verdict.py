@@ -51,6 +51,8 @@ DAMPING = 0.3
 """Most of 2π antiresonance D/K: beyond, the second order of the damper does not suffice."""
 LOAD = (0.01, 0.3)
 """Load friction brakes, and stays a friction."""
+SPRINGLESS, SHARED = frozenset({"sign", "sure"}), frozenset({"other_rotor", "negative", "others", "mass"})
+"""Gates that a joint whose spring does not show fails; those that one fails for what was found of other joints."""
 
 WORDS = {
     "sign": "a rigid joint fits as well",
@@ -95,6 +97,13 @@ def verdict_of(failed: Sequence[str]) -> Verdict:
 def suffices(failed: Sequence[str], band: float, antiresonance: float) -> bool:
     """Return whether a motion shows all that one can: it passes the antiresonance, Hz, and the model lacks more."""
     return bool(LACKS & set(failed)) and band >= REACH * antiresonance
+
+
+def taken_as_rigid(failed: Sequence[Sequence[str]], asked: Sequence[int]) -> list[int]:
+    """Return the joints that are to be taken as rigid: no spring shows there, and others are refused for that alone."""
+    springless = [k for k in asked if SPRINGLESS & set(failed[k])]
+    waiting = [k for k in asked if k not in springless and failed[k] and set(failed[k]) <= SHARED]
+    return springless if waiting else []
 
 
 def failed_gates(told: Figures, joint: int) -> list[str]:

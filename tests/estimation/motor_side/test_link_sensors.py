@@ -15,8 +15,8 @@ from jsonschema import Draft202012Validator
 from elid_cli._types import Array
 from elid_cli.cli import main
 from elid_cli.estimation.motor_side import mounting
-from elid_cli.estimation.motor_side.estimate import MISLEADS, motor_side
-from elid_cli.estimation.motor_side.link_sensors import KINDS, Kind, LinkSensors, Sensed, sensors_of, watched
+from elid_cli.estimation.motor_side.estimate import motor_side
+from elid_cli.estimation.motor_side.link_sensors import KINDS, MISLEADS, Kind, LinkSensors, Sensed, sensors_of, watched
 from elid_cli.estimation.motor_side.motor_log import Samples
 from elid_cli.estimation.motor_side.result import LinkSensor, MotorSide, MotorSideJoint
 from elid_cli.estimation.motor_side.setting import Setting

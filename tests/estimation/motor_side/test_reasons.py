@@ -9,7 +9,7 @@ import pytest
 
 from elid_cli.estimation.motor_side.refits import Figures
 from elid_cli.estimation.motor_side.result import MotorSideJoint, NextMotion, why
-from elid_cli.estimation.motor_side.verdict import WORDS, failed_gates, suffices
+from elid_cli.estimation.motor_side.verdict import WORDS, failed_gates, suffices, taken_as_rigid
 from elid_cli.estimation.validation.verdicts import hidden_by_rest
 
 MOTION = NextMotion((2.0, 6.0), 26.0, True, "elbow")
@@ -30,6 +30,7 @@ def test_a_fit_far_from_noise_is_not_called_one_to_a_share_of_the_torque() -> No
     assert set(failed) == {"misfit", "noise"}
     assert why(failed) == WORDS["misfit"]
     assert why(("noise",)) == WORDS["noise"]
+    assert why(("sign", "rotor", "damping", "negative")) == f"{WORDS['sign']}; {WORDS['negative']}"
 
 
 def test_the_rotor_of_another_joint_is_told_as_such() -> None:
@@ -37,6 +38,15 @@ def test_the_rotor_of_another_joint_is_told_as_such() -> None:
     assert failed_gates(told, 0) == ["other_rotor"]
     assert failed_gates(told, 1) == ["rotor"]
     assert failed_gates(replace(told, rotor_pull=np.array([-0.5, -4.0])), 0) == []
+
+
+def test_joints_without_a_spring_are_taken_as_rigid_where_others_wait_for_that_alone() -> None:
+    springless = ("sign", "rotor", "damping")
+    assert taken_as_rigid([springless, ("other_rotor",), ("negative", "others")], [0, 1, 2]) == [0]
+    assert taken_as_rigid([springless, ("other_rotor", "misfit")], [0, 1]) == []  # more is wrong with it
+    assert taken_as_rigid([springless, ()], [0, 1]) == []
+    assert taken_as_rigid([springless, ("sure", "close")], [0, 1]) == []
+    assert taken_as_rigid([springless, ("other_rotor",)], [1]) == []  # what is not asked for stays as it is declared
 
 
 @pytest.mark.parametrize(("failed", "antiresonance", "enough"), [
