@@ -21,7 +21,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_sensors import KINDS
 from elid_cli.estimation.motor_side.link_side import LinkTerms
 from elid_cli.estimation.motor_side.motor_log import MotorLog
-from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
+from elid_cli.estimation.motor_side.operators import KnotSpline, filtered, quick_length
 from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, ClimbEnd, highest, met, rungs
 from elid_cli.estimation.motor_side.unknowns import (
     DAMPING_SPREAD,
@@ -90,8 +90,6 @@ class Climb:
 
     def _limit(self, cutoff: float) -> None:
         """Band-limit all signals for a cut-off, Hz."""
-        from scipy.fft import next_fast_len
-
         cut = max(_BEYOND * cutoff, 5.0)
         if abs(cut - self._cut) < 0.02 * self._cut:
             return
@@ -106,7 +104,7 @@ class Climb:
         self._stride = max(1, int(1 / (_RATE * cut * self.log.dt)))
         self._reach = reach
         self._window = self._taper(reach)[:: self._stride]
-        self._size = next_fast_len(len(self._window), real=True)
+        self._size = quick_length(len(self._window))
         self._frequencies = np.fft.rfftfreq(self._size, self._stride * self.log.dt)
         self._scale = self._stride / np.sqrt(0.95 * self.log.count / 2)
         self._band = self._whole.every(self._stride)
@@ -245,8 +243,6 @@ class Climb:
         soft
             One over the spread of the compliances about zero, (n,), where they are held.
         """
-        from scipy.fft import rfft
-
         self._limit(cutoff)
         self._follow(x)
         bins = max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
@@ -256,7 +252,7 @@ class Climb:
 
         def spectrum(values: Array) -> Array:
             """Return the weighted spectra of signals (..., n, N), real parts and imaginary ones, (..., n 2 bins)."""
-            parts = rfft(values * window, self._size)[..., :bins] * scale
+            parts = np.fft.rfft(values * window, self._size)[..., :bins] * scale
             found: Array = np.concatenate([parts.real, parts.imag], axis=-1).reshape(*values.shape[:-2], -1)
             return found
 

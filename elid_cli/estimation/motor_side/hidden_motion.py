@@ -18,6 +18,7 @@ from elid_cli.estimation.validation.verdicts import WEAK, torque_scale
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.signals import Signals
+from elid_cli.signals.zero_phase import zero_phase
 
 if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
@@ -49,8 +50,6 @@ def with_links(signals: Signals, side: MotorSide, rigid: Identification) -> Sign
     rigid
         The fit to these signals as they are: its friction does not go through the spring.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     joints = [joint for joint in side.joints if joint.verdict != "refused" and np.isfinite(joint.rotor)]
     places = [joint.number for joint in joints]
     if not joints or not all(np.isfinite(signals.tau[s.start : s.stop, places]).all() for s in signals.segments):
@@ -58,7 +57,7 @@ def with_links(signals: Signals, side: MotorSide, rigid: Identification) -> Sign
     values = dict(zip(rigid.base.parameters, rigid.standard.tolist(), strict=True))
     motion, tau = signals.motion, signals.tau.copy()
     states = {name: getattr(motion, name).copy() for name in ("q", "dq", "ddq", "ddtheta")}
-    low = butter(4, min(PAST * signals.filter.cutoff, 0.4 / signals.dt), fs=1 / signals.dt, output="sos")
+    cutoff = min(PAST * signals.filter.cutoff, 0.4 / signals.dt)
     for joint in joints:
         k = joint.number
         coulomb, viscous = (values.get(StandardParameter(kind, k), 0.0) for kind in ("fs", "fv"))
@@ -66,7 +65,7 @@ def with_links(signals: Signals, side: MotorSide, rigid: Identification) -> Sign
             part = slice(segment.start, segment.stop)
             speed = motion.dtheta[part, k]
             load = tau[part, k] - joint.rotor * motion.ddtheta[part, k] - coulomb * np.sign(speed) - viscous * speed
-            yields = [sosfiltfilt(low, load) / joint.stiffness]
+            yields = [zero_phase(load, cutoff, signals.dt) / joint.stiffness]
             for _ in range(2):
                 yields.append(np.gradient(yields[-1], signals.dt))
             for name, wave in zip(("q", "dq", "ddq", "ddtheta"), (*yields, yields[2]), strict=True):

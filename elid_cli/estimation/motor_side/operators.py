@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.lapack import lapack
 from elid_cli.signals.splines import DEGREE, ORDER, basis
 
 WIDTH, SHORT_WIDTH = 9, 5
@@ -140,16 +141,15 @@ class KnotSpline:
 
     @cached_property
     def _factor(self) -> Any:
-        from scipy.linalg import cholesky_banded
-
-        return cholesky_banded(upper_band(self.matrices[0].T @ self.matrices[0], DEGREE, 1e-9), check_finite=False)
+        band = upper_band(self.matrices[0].T @ self.matrices[0], DEGREE, 1e-9)
+        factor, info = lapack().dpbtrf(np.asfortranarray(band), overwrite_ab=1)
+        if info:
+            raise np.linalg.LinAlgError("not positive definite")
+        return factor
 
     def fit(self, values: Array) -> Array:
         """Return the coefficients (count, n) that come nearest values (N, n)."""
-        from scipy.linalg import cho_solve_banded
-
-        load = self.matrices[0].T @ values
-        found: Array = cho_solve_banded((self._factor, False), load, check_finite=False)
+        found: Array = lapack().dpbtrs(self._factor, self.matrices[0].T @ values)[0]
         return found
 
 
@@ -163,3 +163,10 @@ def upper_band(matrix: Any, width: int | None = None, ridge: float = 0.0) -> Arr
     np.add.at(band, (reach + row - column, column), data)
     band[reach] += ridge * band[reach].max()
     return band
+
+
+def quick_length(count: int) -> int:
+    """Return the least length from `count` on that has no prime factor above 5: its spectrum is quick."""
+    most = range(count.bit_length() + 1)
+    parts = [int(3**b * 5**c) for b in most for c in most]
+    return min(part << max(0, (-(-count // part) - 1).bit_length()) for part in parts)

@@ -135,7 +135,8 @@ class Pieces:
         `band` is (K n, b + 1), upper band storage turned over. Beyond the band AᵀA is zero: no row reaches so far.
         """
         reach, width = band.shape[1] - 1, values.shape[2]
-        square = np.zeros((len(values), width, reach + width))
+        square = np.empty((len(values), width, reach + width))
+        square[:, :, :reach] = 0.0
         np.matmul(values.transpose(0, 2, 1), values, out=square[:, :, reach:])
         group, row, item = square.strides
         shape = len(values), width, reach + 1
