@@ -24,7 +24,9 @@ TOLD = 2
 """Gates that a reason names."""
 LACKS = frozenset({"misfit", "noise"})
 """Gates that a model which lacks something does not pass, whatever the motion."""
-FOLLOWS = {"noise": "misfit", "rotor": "sign", "rotor_told": "sign", "damping": "sign"}
+FOLLOWS = {
+    "noise": "misfit", "rotor": "sign", "rotor_told": "sign", "other_rotor": "sign", "damping": "sign",
+}  # fmt: skip
 """Gates that are not told beside another one: without a spring a rotor and a damper are nothing of the robot's."""
 ENOUGH = (
     "this motion passes the antiresonance, as far as this fit can tell, so another like it shows no more. Look for a "
