@@ -49,7 +49,7 @@ MODEL = """
           </frame>
         </body>
         <body name="finger" pos="-0.1 0 0.3" childclass="wrist">
-          <joint name="bend"/>
+          <joint name="bend"/><site name="tip"/>
           <geom type="sphere" size="0.05" pos="0 0 0.1"/>
         </body>
       </body>
@@ -155,7 +155,13 @@ def test_includes_are_read_and_their_faults_have_their_file(tmp_path: Path) -> N
     ("old", "new", "said"),
     [
         ("<actuator>", '<equality><connect body1="slider" body2="finger" anchor="0 0 0"/></equality><actuator>',
-         "'slider' and 'finger' closes a loop"),
+         "body 'slider' to 'finger' closes a loop"),
+        ("<actuator>", '<equality><connect body1="finger" anchor="0 0 0"/></equality><actuator>',
+         "body 'finger' to 'world' closes a loop"),
+        ("<actuator>", '<equality><weld body1="world" body2="finger"/></equality><actuator>',
+         "body 'world' to 'finger' closes a loop"),
+        ("<worldbody>", '<equality><weld site1="here" site2="tip"/></equality><worldbody><site name="here"/>',
+         "site 'here' to 'tip' closes a loop"),
         ('<joint name="bend"/>', '<joint name="bend" type="ball"/>', "type 'ball' is not modelled"),
         ('class="wrist" ref', 'class="hand" ref', "no default class 'hand'"),
         ("<worldbody>", "<worldbody><replicate count='3'/>", "replicate"),
@@ -169,6 +175,12 @@ def test_what_is_not_modelled_is_refused_by_name(old: str, new: str, said: str) 
         robot_from_text(MODEL.replace(old, new), "arm.xml")
     assert said in str(caught.value)
     assert len(str(caught.value).splitlines()) <= 3
+
+
+def test_what_no_joint_parts_is_no_loop() -> None:
+    ties = '<weld body1="stand" body2="world"/><connect body1="upper" body2="bracket" anchor="0 0 0"/>'
+    tied = MODEL.replace("<actuator>", f"<equality>{ties}</equality><actuator>")
+    assert robot_from_text(tied, "arm.xml").joint_names == robot_from_text(MODEL, "arm.xml").joint_names
 
 
 def test_meshes_are_weighed_by_mujoco(tmp_path: Path) -> None:

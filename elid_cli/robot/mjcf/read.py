@@ -22,6 +22,7 @@ from elid_cli.robot.mjcf.drives import Drives, Motor
 from elid_cli.robot.mjcf.elements import axis_of, first_number, included, inertial_of, placed_frames
 from elid_cli.robot.mjcf.geoms import geom_inertia
 from elid_cli.robot.mjcf.held import DAMPING, LINK_EFFECTS, SPRING
+from elid_cli.robot.mjcf.loops import refuse_loops
 from elid_cli.robot.mjcf.moving import MovingJoint
 from elid_cli.robot.mjcf.rotors import Rotor, RotorSearch, motor_parameters, own_motor
 from elid_cli.robot.parameter import LINK_PARAMETERS
@@ -54,6 +55,7 @@ class MjcfTree:
         self.conventions = Conventions.of(self.root)
         self.moving: list[MovingJoint] = []
         self.links: dict[str, str] = {}
+        self.sites: dict[str, str] = {}
         self.held: list[str] = []
         self.meshes: list[tuple[int, Element]] = []
         """Bodies whose inertia is that of meshes, with the joint that moves them."""
@@ -64,7 +66,7 @@ class MjcfTree:
 
     def robot(self) -> Robot:
         """Return the robot."""
-        self._refuse_loops()
+        refuse_loops(self.root, self.links, self.sites, [rotor.coupling.place for rotor in self.rotors.values()])
         kept = [k for k in range(len(self.moving)) if k not in self.ridden]
         motors = {self.moving[k].name: self._motor(k) for k in kept}
         bodies = self._bodies()
@@ -144,6 +146,8 @@ class MjcfTree:
             inner = child.attributes.get("childclass", childclass)
             if child.tag == "frame":
                 self._walk(child, carrier, pose @ self.conventions.pose(child), inner)
+            elif child.tag == "site" and "name" in child.attributes:
+                self.sites[child.attributes["name"]] = self.moving[carrier].name if carrier >= 0 else BASE
             elif child.tag == "body":
                 self._body(child, carrier, pose @ self.conventions.pose(child), inner)
 
@@ -264,21 +268,6 @@ class MjcfTree:
                 yield EffectSpec(effect, item.name, {parameter: value})
         if "damping" in rotor.coupling.attributes and (value := first_number(rotor.coupling, "damping")):
             yield EffectSpec(DAMPING[0], item.name, {DAMPING[1]: value * rotor.lever**2})
-
-    def _refuse_loops(self) -> None:
-        read = {rotor.coupling.place for rotor in self.rotors.values()}
-        for holder in self.root.all("equality"):
-            for element in holder.children:
-                if element.attributes.get("active", "true") == "false":
-                    continue
-                one, two = element.attributes.get("body1"), element.attributes.get("body2")
-                if element.tag in ("connect", "weld") and one and two and two != "world":
-                    what = f"<{element.tag}> of bodies {one!r} and {two!r} closes a loop, which is not modelled"
-                    raise element.error(what, hint='take the constraint out, or set active="false"')
-                if element.tag == "joint":
-                    follower = element.attributes.get("joint1", "")
-                    if "joint2" in element.attributes and element.place not in read:
-                        element.fault(f"{follower} follows another joint in the file; here it is one of its own")
 
     def _compile_meshes(self) -> None:
         """Fill in the inertia of bodies that have nothing but meshes, as MuJoCo finds it."""
