@@ -22,7 +22,7 @@ from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.resolve import fits, resolve
-from elid_cli.logs.mapping.suggest import needed, proposal, untold
+from elid_cli.logs.mapping.suggest import completed, needed, proposal, untold
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.repair.timeline import build
@@ -138,7 +138,9 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     if robot is not None:
         fault = MissingSignal(robot, plan, raw, source.name)
         notes.extend(sentence for signal in MEANING for sentence in fault.partial(signal))
-    fresh += unit_lines(units, plan, chosen.joint_names)
+    partly = completed(plan, raw.channels, chosen.joint_names, works, units)
+    fresh += [line for line, _ in partly.values()]
+    fresh += [line for line in unit_lines(units, plan, chosen.joint_names) if line.partition(":")[0] not in partly]
     return LogInfo(
         file=source.name,
         format=fmt.name,

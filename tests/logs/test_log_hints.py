@@ -349,3 +349,33 @@ def test_units_of_headers_are_proposed_by_info_for_signals_that_it_finds(
     assert not any("by its header" in warning for warning in log.warnings)
     assert main([*words, "--map", str(file)]) == 0
     assert "This log can be used: it has" in " ".join(capsys.readouterr().out.split())
+
+
+def degrees(name: str, j: str, k: int) -> dict[str, np.ndarray]:
+    """Return a joint's position in degrees, in a column of this name."""
+    return {name.format(j=j): np.degrees(Q[:, k])}
+
+
+@pytest.mark.parametrize("name", ["q.{j}_deg", "q_deg.{j}", "{j}_q_deg", "{j} q [°]"])
+def test_units_at_the_end_of_names_are_proposed_where_a_joint_has_no_column(tmp_path: Path, name: str) -> None:
+    first, second, third = JOINTS
+    columns = degrees(name, first, 0) | degrees(name, third, 2)
+    path = text(tmp_path, {"t": BASE.t, **columns, f"theta.{second}": Q[:, 1], **each("tau.{j}", TAU)})
+    line = next(line for line in inspect_log(path, RIGID).mapping.splitlines() if line.startswith("q: "))
+    log = read(path, robot=RIGID, mapping=read_map_options([line]))
+    np.testing.assert_allclose(log.q[:, [0, 2]], Q[:, [0, 2]], atol=1e-9)
+    np.testing.assert_allclose(log.theta[:, 1], Q[:, 1], atol=1e-9)
+
+
+def test_a_unit_at_the_end_of_one_name_is_proposed_beside_plain_ones(tmp_path: Path) -> None:
+    first, _, third = JOINTS
+    columns = {f"q.{third}": Q[:, 2], **degrees("q.{j}_deg", first, 0)}
+    path = text(tmp_path, {"t": BASE.t, **columns, **each("theta.{j}", BASE.theta), **each("tau.{j}", TAU)})
+    elastic = replace(ROBOT, joints=tuple(replace(j, transmission="elastic") for j in ROBOT.joints))
+    found = inspect_log(path, elastic)
+    line = f"q: {{from: [q.{first}_deg, null, q.{third}], unit: {{{first}: deg}}}}"
+    assert found.mapping == line
+    assert any(f"map it: {line}" in note for note in found.notes)
+    log = read(path, robot=elastic, mapping=read_map_options([line]))
+    np.testing.assert_allclose(log.q[:, [0, 2]], Q[:, [0, 2]], atol=1e-9)
+    assert any("no link position q" in said and line in said for said in read(path, robot=elastic).warnings)

@@ -38,11 +38,6 @@ def as_yaml(unit: str) -> str:
     return unit if re.fullmatch(r"[\w./:]+", unit) else f'"{unit}"'
 
 
-def plain(unit: str) -> str:
-    """Return a unit in small letters, without signs of multiplication."""
-    return re.sub(r"[\s*·.]", "", unit.lower())
-
-
 @dataclass(frozen=True)
 class Pair:
     """The straight line from q to theta of one joint."""

@@ -17,7 +17,7 @@ from elid_cli.logs.mapping.find import ABSENT
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import fits
-from elid_cli.logs.mapping.suggest import needed, proposal, untold
+from elid_cli.logs.mapping.suggest import completed, needed, proposal, untold
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.yaml import inline, quoted
 
@@ -117,6 +117,8 @@ class MissingSignal:
         """Return words that name another channel like a signal's own, which has joints that this one lacks."""
         placement = self.plan.placements.get(signal)
         picks = placement.picks if placement is not None and placement.spec.joints is None else ()
+        if line := self._in_units(signal, joints):
+            return f"; for columns whose names end in a unit, map it: {line}"
         names, fields = set(self.robot.joint_names), {pick.field for pick in picks if pick.field}
         kinds = {c.kind for c in self.raw.channels if c.source in {pick.source for pick in picks}}
         for channel in self.raw.channels:
@@ -204,6 +206,8 @@ class MissingSignal:
         close = self._close(placement, joint, labels) if joint and called not in labels else None
         if placement is not None and self._twice(placement):
             return f"{before}{' '.join(f'--map {shlex.quote(line)}' for line in self._by_number())}"
+        if line := self._in_units(signal, [joint]):
+            return f"{before}--map {shlex.quote(line)}"
         if placement is not None and close:
             spec = placement.spec
             # a pattern fills in what is not named here; of a topic, only the joints that are named are read
@@ -246,6 +250,13 @@ class MissingSignal:
         lines, link = proposal(self.raw, self.robot, free, wanted, partial(fits, self.raw.channels, self.robot))
         placed = set(self.plan.placements) - {signal}
         return [line for line in lines.splitlines() if line.partition(":")[0] not in placed], link
+
+    def _in_units(self, signal: str, joints: Sequence[str]) -> str:
+        """Return a line of a mapping by which a signal has one of these joints, whose column ends in its unit."""
+        works = partial(fits, self.raw.channels, self.robot)
+        lines = completed(self.plan, self.raw.channels, self.robot.joint_names, works, getattr(self.raw, "units", {}))
+        line, held = lines.get(signal, ("", ()))
+        return line if set(joints) & set(held) else ""
 
     def _by_number(self) -> Iterator[str]:
         """Yield a line of a mapping for every signal whose channel names a joint twice: its columns by number."""

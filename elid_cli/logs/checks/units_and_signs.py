@@ -14,7 +14,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.coupled_motors import coupled_motors
-from elid_cli.logs.checks.encoder_pairs import IF_SO, Pair, as_yaml, plain, proposed, swap
+from elid_cli.logs.checks.encoder_pairs import IF_SO, Pair, as_yaml, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.late_velocities import late_velocities
@@ -23,7 +23,7 @@ from elid_cli.logs.checks.position_scale import position_factor, position_words
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.spring_torques import Sprung, spring_suspicions
 from elid_cli.logs.checks.stops import at_stops
-from elid_cli.logs.mapping.language import POSITIONS, TORQUES, UNIT_WORDS, VELOCITIES
+from elid_cli.logs.mapping.language import POSITIONS, TORQUES, UNIT_WORDS, VELOCITIES, plain_unit
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.suggest import TOLD, words_of
 from elid_cli.logs.repair.align import Aligned
@@ -34,7 +34,7 @@ from elid_cli.signals.recording import joints_computed
 
 LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
 SI = dict.fromkeys(POSITIONS, LENGTHS) | dict.fromkeys(VELOCITIES, RATES) | dict.fromkeys(TORQUES, EFFORTS)
-"""Units, as `plain` writes them, that need no mapping."""
+"""Units, as `plain_unit` writes them, that need no mapping."""
 NOT_TORQUE = "which is no torque"
 """What is said of a torque that is in no unit of torque."""
 AS_IT_IS = "and taken without conversion"
@@ -183,9 +183,9 @@ def written_units(units: Mapping[str, str], plan: ReadPlan, names: Sequence[str]
     for signal, placement in plan.placements.items():
         usual = SI.get(signal)
         found = [units[pick.source] for pick in placement.picks if pick.source in units]
-        odd = next((unit for unit in found if usual and plain(unit) not in usual), None)
+        odd = next((unit for unit in found if usual and plain_unit(unit) not in usual), None)
         if odd is not None and not placement.spec.unit:
-            known, line = UNIT_WORDS.get(plain(odd)), _unit_key(units, plan, signal, names)
+            known, line = UNIT_WORDS.get(plain_unit(odd)), _unit_key(units, plan, signal, names)
             paste = f"; {proposed(plan, signal, line)}" if line else ""
             bare = f", {NOT_TORQUE}" if signal == "tau" and known in NO_TORQUE else ""
             yield f"{signal} is in {odd!r} by its header {AS_IT_IS}{bare}{paste}"
@@ -213,10 +213,10 @@ def _unit_key(units: Mapping[str, str], plan: ReadPlan, signal: str, names: Sequ
     written = {
         j: units.get(p.source, "") for p, own in zip(placement.picks, placement.joints, strict=True) for j in own
     }
-    odd = {j: unit for j, unit in written.items() if usual and unit and plain(unit) not in usual}
-    if not odd or placement.spec.unit or any(plain(unit) not in UNIT_WORDS for unit in odd.values()):
+    odd = {j: unit for j, unit in written.items() if usual and unit and plain_unit(unit) not in usual}
+    if not odd or placement.spec.unit or any(plain_unit(unit) not in UNIT_WORDS for unit in odd.values()):
         return ""
-    known = {names[j]: as_yaml(UNIT_WORDS[plain(unit)]) for j, unit in sorted(odd.items())}
+    known = {names[j]: as_yaml(UNIT_WORDS[plain_unit(unit)]) for j, unit in sorted(odd.items())}
     if len(odd) == len(written) and len(set(known.values())) == 1:
         return f"unit: {next(iter(known.values()))}"
     return f"unit: {{{', '.join(f'{name}: {unit}' for name, unit in known.items())}}}"

@@ -55,6 +55,11 @@ UNIT_WORDS = {
 """Units as headers and people write them, in lower case without spaces and dots -> as the language has them."""
 
 
+def plain_unit(text: str) -> str:
+    """Return a unit as `UNIT_WORDS` has it: in small letters, without signs of multiplication and brackets."""
+    return re.sub(r"[\s*·.]", "", text.lower().strip("[]()"))
+
+
 @dataclass(frozen=True)
 class SignalMap:
     """Where one signal is, and how its numbers become SI values at the joint."""
@@ -323,7 +328,7 @@ def _unit_factor(signal: str, unit: str, where: str) -> float:
             raise UsageError(f"{where}: unit {unit!r} needs counts per turn", hint="unit: counts:4096")
         return 2 * math.pi / counts
     if unit not in table:
-        meant = UNIT_WORDS.get(re.sub(r"[\s*·.]", "", unit.lower()))
+        meant = UNIT_WORDS.get(plain_unit(unit))
         gon = " (gradians, 400 to a turn, are counts:400)" if unit.lower() == "grad" else ""
         others = table if signal in INERTIAL else [*table, "counts:4096"]
         hint = f"did you mean {meant!r}?{gon}" if meant in table else did_you_mean(unit, others)

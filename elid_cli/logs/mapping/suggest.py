@@ -7,8 +7,8 @@ import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel, RawLog
+from elid_cli.logs.mapping.families import Family, called, family, pairs, quoted, unit_of, with_units
 from elid_cli.logs.mapping.language import COMMANDS, GAINS, UNIT_WORDS
 from elid_cli.logs.mapping.nameless import BLOCKS, NamelessTable, proposed
 from elid_cli.logs.mapping.plan import ReadPlan
@@ -71,6 +71,8 @@ class _Place:
     unit: str = ""
     block: str | None = None
     """Signal that it holds by its place in a table of all of them; None: told by its name."""
+    partial: bool = False
+    """Whether some joints have no column in it."""
 
 
 def needed(plan: ReadPlan, robot: Robot, units: Mapping[str, str] | None = None) -> tuple[str, ...]:
@@ -86,7 +88,9 @@ def needed(plan: ReadPlan, robot: Robot, units: Mapping[str, str] | None = None)
     sides = ["q"] if rigid else ["q", "theta"]
     if "tau_link" in placed and "q" in placed:
         sides = ["q"]
-    lacking += [s for s in sides if s not in placed and not (rigid and placed & {"q", "theta"})]
+    found = {j for s in {"q", "theta"} & placed for joints in plan.placements[s].joints for j in joints}
+    whole = {"q", "theta"} <= placed or len(found) == robot.n
+    lacking += [s for s in sides if s not in placed and not (rigid and whole)]
     return (*lacking, *(() if placed & {"tau", "tau_link", "q_des"} else ("tau",)))
 
 
@@ -113,6 +117,31 @@ def proposal(
         if lines:
             return "\n".join(lines), link
     return suggestion(channels, robot.joint_names, signals, works, getattr(raw, "units", {})), ""
+
+
+def completed(
+    plan: ReadPlan,
+    channels: Sequence[Channel],
+    joints: Sequence[str],
+    works: Callable[[str], bool] = lambda line: True,
+    units: Mapping[str, str] | None = None,
+) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Return, by signal, a YAML line that also finds columns which a canonical name misses for the unit at their end.
+
+    With it come the joints that it holds. Arguments are as for `suggestion`.
+    """
+    names = [channel.source for channel in channels[:MOST] if channel.width == 1 and not channel.field]
+    lines: dict[str, tuple[str, tuple[str, ...]]] = {}
+    for signal, placement in plan.placements.items():
+        if "{joint}" not in placement.places or placement.spec.field or set(placement.spec.written or {}) - {"from"}:
+            continue
+        found = with_units(placement.places, names, joints)
+        if found is not None and len(found.members) > len(placement.picks):
+            place = _Place(Channel(found.members[0], "", 1), found.source, "", _units(found, "", joints, units or {}))
+            line = f"{signal}: {_spec(signal, place)}"
+            if works(line):
+                lines[signal] = line, found.held
+    return lines
 
 
 def suggestion(
@@ -156,7 +185,7 @@ def _fitting(
     """Yield a line for every signal that some free place fits; places are added to those that are `taken`."""
     for signal in sorted(signals, key=lambda name: tuple(WORDS).index(name) if name in WORDS else len(WORDS)):
         free = (k for k, p in enumerate(places) if p.source not in taken or p.block == signal)
-        for score, k in sorted((-_score(signal, places[k]), k) for k in free):
+        for score, _, k in sorted((-_score(signal, places[k]), places[k].partial, k) for k in free):
             line = f"{signal}: {_spec(signal, places[k])}" if score < 0 else ""
             if line and works(line):
                 yield line
@@ -171,101 +200,36 @@ def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[s
     for channel in channels:
         if (channel.source, channel.field) in done or not channel.width:
             continue
-        unit = _unit(channel, units.get(channel.source, ""))
-        family, source, named = _family(channel, channels, joints)
-        done |= {(member, channel.field) for member in family}
-        if len(family) > 1:
-            own = [_unit(Channel(member, channel.field, 1), units.get(member, "")) for member in family]
-            if len(set(own)) > 1 and len(own) == len(joints):  # lengths beside angles, say
-                unit = (
-                    "{" + ", ".join(f"{_quoted(j)}: {_quoted(u)}" for j, u in zip(joints, own, strict=True) if u) + "}"
-                )
-            yield _Place(Channel(family[0], channel.field, 1, kind=channel.kind), source, named, unit)
-        elif channel.labels and joints and not set(joints) <= set(channel.labels):
-            names = _called(joints, channel.labels, names)
-            yield _Place(channel, _quoted(channel.source), _pairs(joints, names), unit)
+        found = family(channel, channels, joints)
+        if found is not None and (len(found.members) > 1 or len(joints) > 1):
+            done |= {(member, channel.field) for member in found.members}
+            first = Channel(found.members[0], channel.field, 1, kind=channel.kind)
+            unit = _units(found, channel.field, joints, units)
+            yield _Place(first, found.source, found.joints, unit, partial=0 < len(found.held) < len(joints))
+            continue
+        unit = unit_of(channel.address, units.get(channel.source, ""))
+        if channel.labels and joints and not set(joints) <= set(channel.labels):
+            names = called(joints, channel.labels, names)
+            yield _Place(channel, quoted(channel.source), pairs(joints, names), unit)
         elif (
             len(joints) > 1 and not channel.labels and channel.width % len(joints) == 0 and channel.width > len(joints)
         ):
             blocks = BLOCKS.get(channel.width // len(joints), ())
             for number, signal in enumerate(blocks):
-                first = number * len(joints)
-                pairs = _pairs(joints, range(first, first + len(joints)))
-                yield _Place(channel, _quoted(channel.source), pairs, unit, signal)
+                start = number * len(joints)
+                numbers = pairs(joints, range(start, start + len(joints)))
+                yield _Place(channel, quoted(channel.source), numbers, unit, signal)
         else:
-            yield _Place(channel, _quoted(channel.source), "", unit)
+            yield _Place(channel, quoted(channel.source), "", unit)
 
 
-def _called(joints: Sequence[str], labels: Sequence[str], before: Sequence[str | None]) -> list[str | None]:
-    """Return what a channel calls each joint, None where it has none left for it; no two joints share a name.
-
-    `before` is what another channel calls them, empty for the first: a joint is the same one in all of them.
-    """
-    labels = list(dict.fromkeys(labels))
-    wanted = [name or joint for name, joint in zip(before or joints, joints, strict=True)]
-    own = [name if name in labels else None for name in wanted]
-    if before and any(own):
-        return own
-    left = [name for name in labels if name not in own]
-    close = [name or nearest(like, left) for name, like in zip(own, wanted, strict=True)]
-    if None not in close and len(set(close)) == len(close):
-        return close
-    return [name or (left.pop(0) if left else None) for name in own]
-
-
-def _family(channel: Channel, channels: Sequence[Channel], joints: Sequence[str]) -> tuple[list[str], str, str]:
-    """Return the columns that are a channel's at every joint, how a mapping writes them, and its `joints`."""
-    source, alone = channel.source, ([channel.source], channel.source, "")
-    names = [c.source for c in channels if c.field == channel.field and c.width == 1]
-    if channel.width > 1:
-        return alone
-    named = _named_alike(source, names, joints)
-    if named is None and len(joints) > 1:
-        named = _numbered_alike(source, names, len(joints)) or _peers(source, names, joints)
-    return named or alone
-
-
-def _named_alike(source: str, names: Sequence[str], joints: Sequence[str]) -> tuple[list[str], str, str] | None:
-    """Return the columns whose names differ from `source` in a joint's name alone, if every joint has one."""
-    for joint in sorted(joints, key=len, reverse=True):
-        if re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", source):
-            pattern = source.replace(joint, "{joint}", 1)
-            members = [name for other in joints if (name := pattern.replace("{joint}", other)) in names]
-            if len(members) == len(joints):
-                return members, f'"{pattern}"', ""
-    return None
-
-
-def _numbered_alike(source: str, names: Sequence[str], joints: int) -> tuple[list[str], str, str] | None:
-    """Return the columns whose names differ from `source` in a number alone that counts the joints."""
-    for match in reversed(list(re.finditer(r"\d+", source))):
-        before, after = source[: match.start()], source[match.end() :]
-        like = re.compile(rf"{re.escape(before)}(\d+){re.escape(after)}")
-        numbers = sorted(int(found[1]) for name in names if (found := like.fullmatch(name)))
-        count = min(len(numbers), joints)  # fewer: of the first joints, as the others are held
-        if count > 1 and numbers[:count] == list(range(numbers[0], numbers[0] + count)):
-            mark = {0: "{i0}", 1: "{i}"}.get(numbers[0])
-            members = [f"{before}{number}{after}" for number in numbers]
-            if mark or count == joints:
-                listed = f"[{', '.join(map(_quoted, members[:joints]))}]"
-                return members, f'"{before}{mark}{after}"' if mark else listed, ""
-    return None
-
-
-def _peers(source: str, names: Sequence[str], joints: Sequence[str]) -> tuple[list[str], str, str] | None:
-    """Return the columns of the same group as `source` whose names are like the joints', each like another one's."""
-    for cut in (".", "/"):
-        head, _, own = source.rpartition(cut)
-        peers = [name.rpartition(cut)[2] for name in names if head and own and name.rpartition(cut)[0] == head]
-        close = [nearest(joint, peers) for joint in joints]
-        if None not in close and len(set(close)) == len(close):
-            return [f"{head}{cut}{name}" for name in peers], f'"{head}{cut}{{joint}}"', _pairs(joints, close)
-    return None
-
-
-def _pairs(joints: Sequence[str], names: Sequence[object]) -> str:
-    """Return the `joints` of a mapping; those without a name are left out."""
-    return ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False) if name is not None)
+def _units(found: Family, field: str, joints: Sequence[str], units: Mapping[str, str]) -> str:
+    """Return the unit of a family's columns, or those of its joints where they differ: lengths beside angles, say."""
+    own = [unit_of(Channel(member, field, 1).address, units.get(member, "")) for member in found.members]
+    held = found.held or tuple(joints)
+    if len(set(own)) > 1 and len(own) == len(held):
+        return f"{{{', '.join(f'{quoted(j)}: {quoted(u)}' for j, u in zip(held, own, strict=True) if u)}}}"
+    return own[0] or unit_of(Channel(found.stem, field, 1).address, "")
 
 
 def words_of(text: str) -> list[str]:
@@ -300,17 +264,6 @@ def _score(signal: str, place: _Place) -> float:
     return 0.0
 
 
-def _unit(channel: Channel, written: str) -> str:
-    """Return the unit that a header or the end of a name tells, as the mapping language writes it; empty: none."""
-    last = re.split(r"[_\s(\[]", re.sub(r"[\])]$", "", channel.address))
-    ending = last[-1] if len(last) > 1 else ""
-    for text in (written, ending, re.sub(r"(?<=[^\W\d]{3})\d+$", "", ending)):  # pos_deg1 as pos_deg
-        known = UNIT_WORDS.get(re.sub(r"[\s*·.]", "", text.lower().strip("[]()")))
-        if known is not None:
-            return known
-    return "counts:4096" if re.search(r"counts|ticks", channel.address.lower()) else ""
-
-
 def _spec(signal: str, place: _Place) -> str:
     channel = place.channel
     parts = [f"from: {place.source}"]
@@ -332,9 +285,3 @@ def _spec(signal: str, place: _Place) -> str:
     if signal == "tau" and unit in ("A", "mA"):
         parts.append("scale: 1.0")
     return "{" + ", ".join(parts) + "}"
-
-
-def _quoted(name: str) -> str:
-    from elid_cli.robot.yaml import quoted
-
-    return quoted(name)
