@@ -93,9 +93,10 @@ def write_found(
         held = [s for s in beyond if s not in lost]
         said = [*without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files)]
         note([f"{path}: {sentence}" for sentence in said], output, "left out")
+        in_file = [f"left out: {sentence}" for sentence in said]
         try:
             if not lost and not late:
-                write_described(refined, path, [*remarks, *said])
+                write_described(refined, path, [*remarks, *in_file])
             elif lost and not files.drop_effects:
                 raise _refused(path, lost)
             else:
@@ -106,7 +107,7 @@ def write_found(
                 channel = _nuisances()
                 plain = replace(told_of, effects=tuple(s for s in told_of.effects if s.effect not in channel))
                 note([f"{path}: {sentence}" for sentence in cost], output, "left out")
-                write_described(plain, path, [*remarks[:1], *cost, *said])
+                write_described(plain, path, [*remarks[:1], f"left out: {cost[0]}", *cost[1:], *in_file])
         except ElidError as refusal:
             refusals.append(refusal)
         else:

@@ -6,7 +6,6 @@ standard deviations. With many parameters a few exceed two by chance; three is t
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,14 +15,11 @@ from typing import Any
 
 from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.same_joints import comparable
-from elid_cli.estimation.saved_numbers import AGAIN, check_numbers, number_of
-from elid_cli.files import read_text
+from elid_cli.estimation.saved_results import number_of, saved_object
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.tables import Shown
 
-LARGEST = 50_000_000
-"""Bytes of the largest result that is read."""
 JOINTS = 6
 """Joints that a message names."""
 
@@ -206,26 +202,6 @@ def _temperature(data: Mapping[str, Any]) -> float | None:
     told = log.get("temperature") if isinstance(log, dict) else None
     values = [v for value in told.values() if (v := number_of(value)) is not None] if isinstance(told, dict) else []
     return math.fsum(values) / len(values) if values else None
-
-
-def saved_object(path: str | Path) -> Mapping[str, Any]:
-    """Return the JSON object that a command of elid saved.
-
-    Raises
-    ------
-    UsageError
-        No such file, not JSON, not of elid, or with a number that cannot be used.
-    """
-    text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as problem:
-        where = f"{path}:{problem.lineno}" if isinstance(problem, json.JSONDecodeError) else str(path)
-        raise UsageError(f"{where}: not JSON", hint=AGAIN) from None
-    if not isinstance(data, dict) or data.get("schema") != "elid/1":
-        raise UsageError(f"{path}: not a result of elid", hint=AGAIN)
-    check_numbers(data, str(path))
-    return data
 
 
 def same_estimates(one: SavedResult, other: SavedResult) -> bool:

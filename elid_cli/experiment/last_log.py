@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +9,9 @@ from typing import Any
 
 from elid_cli.errors import UsageError
 from elid_cli.estimation.result import Identification
-from elid_cli.files import read_text
+from elid_cli.estimation.saved_results import AGAIN, check_joints, saved_object
 from elid_cli.robot.robot import Robot
 
-LARGEST = 50_000_000
-"""Bytes of the largest result that is read."""
 HIDDEN = ("weak", "not excited")
 """Classes of parameters that a better log would show."""
 
@@ -35,17 +32,6 @@ def last_of(found: Identification) -> LastLog:
     return _last(found.robot, found.this_log, rms, found.drives)
 
 
-def is_result(path: str | Path) -> bool:
-    """Return whether a file looks like a result saved with ``--json``; a log never begins with a brace."""
-    try:
-        if not Path(path).is_file():  # a pipe would be waited for
-            return False
-        with Path(path).open("rb") as stream:
-            return stream.read(64).lstrip().startswith(b"{")
-    except OSError:
-        return False  # whoever reads it as a log says what is wrong
-
-
 def read_last(path: str | Path, robot: Robot) -> LastLog:
     """Read a saved result of ``elid identify`` or ``elid diagnose``.
 
@@ -54,23 +40,16 @@ def read_last(path: str | Path, robot: Robot) -> LastLog:
     UsageError
         The file is no such result, or one of a robot with other joints.
     """
-    text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
+    saved = saved_object(path)
     try:
-        saved: Any = json.loads(text)
-        classes, errors, joints = dict(saved["this_log"]), dict(saved["error"]), tuple(saved["joints"])
+        classes, errors = dict(saved["this_log"]), dict(saved["error"])
         fit = saved.get("settings", {}).get("trajectory") or {}
         drives = {str(joint): {kind: dict(v) for kind, v in own.items()}
                   for joint, own in dict(fit.get("joint_parameters") or {}).items()}  # fmt: skip
         rms = {str(joint): (float(e["rms"]), float(e.get("spring_rms") or e["rms"])) for joint, e in errors.items()}
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
-        raise UsageError(
-            f"{path}: not a result of elid identify", hint="elid identify LOG --robot ROBOT --json > result.json"
-        ) from None
-    if joints != robot.joint_names:
-        raise UsageError(
-            f"{path}: is of a robot with joints {', '.join(joints)}",
-            detail=f"{robot.name!r} has {', '.join(robot.joint_names)}",
-        )
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
+        raise UsageError(f"{path}: not a result of elid identify", hint=AGAIN) from None
+    check_joints(saved, robot, path)
     return _last(robot, classes, rms, drives)
 
 

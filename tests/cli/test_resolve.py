@@ -22,7 +22,9 @@ def test_it_does_not_go_with_what_plans_for_parameters(elid: Elid, tmp_path: Pat
 
 
 def test_a_result_that_is_no_diagnosis_is_refused_with_what_to_run(elid: Elid, tmp_path: Path) -> None:
-    (tmp_path / "last.json").write_text('{"command": "identify", "joints": ["joint1", "joint2"]}', "utf-8")
+    (tmp_path / "last.json").write_text(
+        '{"schema": "elid/1", "command": "identify", "joints": ["joint1", "joint2"]}', "utf-8"
+    )
     done = elid("excite", "--robot", "planar2", "-o", "next.csv", "--resolve", "last.json", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stdout == ""

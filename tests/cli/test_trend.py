@@ -44,6 +44,12 @@ def test_a_parameter_is_one_line_of_80_columns(
     assert lines[start + 4].startswith("  within: standard error of one recording")
 
 
+def test_a_saved_result_is_told_by_its_content(files: list[str]) -> None:
+    for name in files[:3]:
+        Path(name).rename(name.removesuffix("json") + "out")
+    assert main(["trend", *(name.removesuffix("json") + "out" for name in files[:3])]) == 0
+
+
 def warnings(line: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
     assert main(["trend", *line, "--json"]) == 0
     out, err = capsys.readouterr()

@@ -41,7 +41,7 @@ def test_a_stiffness_that_the_users_mjcf_cannot_hold_is_said(
     assert main([*words, "--physical"]) == 0
     said = capsys.readouterr().err
     assert f"left out: {out}: K1, K2: the file's joints are rigid; arm.elid.yaml or a .yaml holds stiffnesses" in said
-    assert "K1, K2: the file's joints are rigid" in out.read_text()
+    assert "left out: K1, K2: the file's joints are rigid" in out.read_text()
 
 
 def test_a_file_that_could_not_be_written_is_not_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -42,7 +42,7 @@ def saved(made: Made) -> dict[str, Any]:
         found = looked(made, log(made, TRUTH, 0, motion, NOISE, number), (TRUTH, RIVAL))
         if found.effects and found.also_possible:
             text = json.dumps(found.to_dict(), default=lambda value: value.tolist())
-            return {"command": "diagnose", **json.loads(text)}
+            return {"schema": "elid/1", "command": "diagnose", **json.loads(text)}
     raise AssertionError("no tie")
 
 
@@ -222,5 +222,5 @@ def test_a_rival_at_another_joint_is_a_question_of_the_effect_that_it_stands_for
 def test_words_that_are_no_json_are_refused(planar: Robot, tmp_path: Path) -> None:
     path = tmp_path / "words.json"
     path.write_text("words", "utf-8")
-    with pytest.raises(UsageError, match="not a diagnosis"):
+    with pytest.raises(UsageError, match="not JSON"):
         read_question(path, planar)

@@ -177,7 +177,8 @@ def _given(name: str) -> bool:
 def _last(after: str, machine: Robot, reading: Reading, output: Output) -> LastLog:
     """Return what the last log could not show, from its saved result or by identifying it."""
     from elid_cli.cli.inputs import load_recording
-    from elid_cli.experiment.last_log import is_result, last_of, read_last
+    from elid_cli.estimation.saved_results import is_result
+    from elid_cli.experiment.last_log import last_of, read_last
 
     if is_result(after):
         return read_last(after, machine)

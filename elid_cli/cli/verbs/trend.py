@@ -50,8 +50,9 @@ def trend(
     from elid_cli.cli.output import LimitError, emit, illustrated, note
     from elid_cli.cli.progress import progress
     from elid_cli.errors import UsageError
+    from elid_cli.estimation.saved_results import is_result
 
-    logs = [name for name in recordings if not name.lower().endswith(".json")]
+    logs = [name for name in recordings if not is_result(name)]
     folder = next((name for name in recordings if Path(name).is_dir()), None)
     if folder is not None:
         raise UsageError(f"trend: {folder} is a folder", hint=f"give its files: {Path(folder) / '*'}.json")

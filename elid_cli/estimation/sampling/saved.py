@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
-from elid_cli.estimation.comparison import saved_object
-from elid_cli.estimation.saved_numbers import AGAIN
+from elid_cli.estimation.saved_results import AGAIN, saved_object
 from elid_cli.tables import Shown
 
 INDEFINITE = 1e-6

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,15 +11,13 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError, UsageError
-from elid_cli.files import read_text
+from elid_cli.estimation.saved_results import check_joints, saved_object
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import Kind, Regressor
 from elid_cli.robot.robot import Robot
 
-LARGEST = 50_000_000
-"""Bytes of the largest diagnosis that is read."""
 AGAIN = "elid diagnose LOG --robot ROBOT --json > diagnosis.json"
 
 
@@ -116,12 +113,8 @@ def read_question(path: str | Path, robot: Robot) -> Question:
     DataError
         The diagnosis leaves nothing open.
     """
-    text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
-    try:
-        saved = json.loads(text)
-    except (ValueError, RecursionError):
-        raise _refused(path) from None
-    if not isinstance(saved, dict) or saved.get("command") != "diagnose":
+    saved = saved_object(path, AGAIN)
+    if saved.get("command") != "diagnose":
         raise _refused(path)
     return question_of(saved, robot, str(path))
 
@@ -152,12 +145,7 @@ def question_of(saved: Mapping[str, Any], robot: Robot, path: str = "diagnosis")
         raise _refused(path)
     if "row_noise" not in saved:
         raise _refused(path, "holds no noise of its rows: an older elid wrote it")
-    joints = tuple(saved["joints"])
-    if joints != robot.joint_names:
-        raise UsageError(
-            f"{path}: is of a robot with joints {', '.join(joints)}",
-            detail=f"{robot.name!r} has {', '.join(robot.joint_names)}",
-        )
+    check_joints(saved, robot, path)
     try:
         question = _question(saved, robot)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):

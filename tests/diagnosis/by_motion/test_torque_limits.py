@@ -114,6 +114,7 @@ def test_an_mjcf_that_lacks_the_delay_has_the_drives_of_a_fit_without_it_within_
     log = written(tmp_path, "cut.h5", recording)
     assert main(["diagnose", log, "--robot", path, "--only", "saturation", "--write-robot", str(out)]) == 0
     assert "the parameters are those of a fit without" in capsys.readouterr().err
+    assert "left out: the delay of the drives; the parameters are those of a fit without" in out.read_text()
     refined = read_robot(str(out))
     assert refined.joint("two").limits.torque == pytest.approx(7.5, rel=5e-3)
     for k, joint in enumerate(refined.joints):  # what commands that act late look like: friction and some inertia

@@ -1,19 +1,69 @@
-"""Numbers of saved results: those that no command of elid writes are refused."""
+"""Results saved with ``--json``, read back: what no command of elid writes is refused."""
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 from elid_cli.errors import UsageError
+from elid_cli.files import read_text
+from elid_cli.robot.robot import Robot
+
+LARGEST = 50_000_000
+"""Bytes of the largest result that is read."""
 
 LARGEST_NUMBER = 1e300
 """A larger number in a saved result is broken."""
 SHOWN = 24
 """Characters of a value that a message shows."""
 AGAIN = "elid identify LOG --robot ROBOT --json > RESULT.json"
+
+
+def is_result(path: str | Path) -> bool:
+    """Return whether a file is a saved result by its name, ``.json``, or whose first key is the schema."""
+    if str(path).lower().endswith(".json"):
+        return True
+    try:
+        if not Path(path).is_file():  # a pipe would be waited for
+            return False
+        with Path(path).open("rb") as stream:
+            return re.match(rb'\s*\{\s*"schema"', stream.read(64)) is not None
+    except OSError:
+        return False  # whoever reads it as a log says what is wrong
+
+
+def saved_object(path: str | Path, again: str = AGAIN) -> Mapping[str, Any]:
+    """Return the JSON object that a command of elid saved; `again` is the command that makes such a one.
+
+    Raises
+    ------
+    UsageError
+        No such file, not JSON, not of elid, or with a number that cannot be used.
+    """
+    text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as problem:
+        where = f"{path}:{problem.lineno}" if isinstance(problem, json.JSONDecodeError) else str(path)
+        raise UsageError(f"{where}: not JSON", hint=again) from None
+    if not isinstance(data, dict) or data.get("schema") != "elid/1":
+        raise UsageError(f"{path}: not a result of elid", hint=again)
+    check_numbers(data, str(path))
+    return data
+
+
+def check_joints(saved: Mapping[str, Any], robot: Robot, path: str | Path) -> None:
+    """Refuse a saved result of a robot with other joints (UsageError)."""
+    joints = [str(joint) for joint in saved.get("joints") or ()]
+    if tuple(joints) != robot.joint_names:
+        raise UsageError(
+            f"{path}: is of a robot with joints {', '.join(joints) or 'that it does not name'}",
+            detail=f"{robot.name!r} has {', '.join(robot.joint_names)}",
+        )
 
 
 def number_of(value: Any) -> float | None:
