@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -342,3 +343,45 @@ def test_protobuf_joint_states(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(bag.bytes())
     same(read(path), BASE)
+
+
+ROS1_STATE = (
+    "Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+    f"{RULE}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+)
+
+
+def ros1(message: dict) -> bytes:
+    """Return a JointState as ROS 1 writes it: little-endian, nothing aligned, strings without a zero at their end."""
+    stamp, frame = message["header"]["stamp"], message["header"]["frame_id"].encode()
+    packed = struct.pack("<IIII", 7, stamp["sec"], stamp["nanosec"], len(frame)) + frame
+    packed += struct.pack("<I", len(message["name"]))
+    packed += b"".join(struct.pack("<I", len(name)) + name.encode() for name in message["name"])
+    for key in ("position", "velocity", "effort"):
+        packed += struct.pack(f"<I{len(message[key])}d", len(message[key]), *message[key])
+    return packed
+
+
+def test_messages_of_ros_1_are_read(tmp_path: Path) -> None:
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic, "sensor_msgs/JointState", shown=ROS1_STATE, encoding="ros1", language="ros1msg")
+        bag.channels[topic] = (bag.channels[topic][0], ros1)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(add_recording(bag, BASE).bytes())
+    same(read(path), BASE)
+    names = list(reversed(JOINTS))
+    bag = Bag()
+    bag.topic("/joint_states", "sensor_msgs/JointState", shown=ROS1_STATE, encoding="ros1", language="ros1msg")
+    bag.channels["/joint_states"] = (
+        bag.channels["/joint_states"][0],
+        lambda m: ros1(m) + b"\0" * (m["position"][0] > 5),
+    )
+    for k in range(4):  # lengths of strings and values that shift what follows, and a message that is too long
+        position = [float(10 * (k == 3)), 2.0, 3.0]
+        bag.add("/joint_states", k + 1, joint_state(k + 1, names, position, effort=(1.0,) * (k % 2), frame="f" * k))
+    path.write_bytes(bag.bytes())
+    (values,), (stamps,) = load(path, ("/joint_states", "position", tuple(JOINTS)))
+    np.testing.assert_array_equal(values[:3], [[3.0, 2.0, 0.0]] * 3)
+    assert np.isnan(values[3]).all()
+    np.testing.assert_array_equal(stamps[:3], [1, 2, 3])

@@ -239,11 +239,11 @@ def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tupl
     known = name or "no type"
     if encoding == "json":
         return FlatDecoder(flat_json), ""
-    if encoding == "cdr":
-        text = schema.decode("utf-8", "replace") if language in ("ros2msg", "") else ""
+    if encoding in ("cdr", "ros1"):
+        text = schema.decode("utf-8", "replace") if language in ("ros2msg", "ros1msg", "") else ""
         definitions = definitions_of(name, text)
         if definitions is not None:
-            return CdrDecoder(short_name(name), definitions), ""
+            return CdrDecoder(short_name(name), definitions, packed=encoding == "ros1"), ""
         if not schema:  # bags before ROS 2 Iron
             return (
                 None,
@@ -258,7 +258,7 @@ def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tupl
         if flatten is not None:
             return FlatDecoder(flatten), ""
         return None, f"{known}: its protobuf descriptor is missing or damaged"
-    return None, f"{known}: encoding {encoding!r}, expected cdr, json or protobuf"
+    return None, f"{known}: encoding {encoding!r}, expected cdr, ros1, json or protobuf"
 
 
 def _add_fields(

@@ -1,6 +1,6 @@
 """Messages of a channel decoded in bulk, one NumPy view per layout.
 
-Messages are grouped by length; the first of a group teaches a layout (`cdr_layout`), which is then checked on all
+Messages are grouped by length; the first of a group teaches a layout (`cdr`), which is then checked on all
 others at once. What differs teaches the next layout, so that joint orders and frames may change at any message.
 """
 
@@ -84,10 +84,11 @@ class MessageTable:
 
 
 class CdrDecoder:
-    """Bulk decoder of one channel's CDR messages into a table."""
+    """Bulk decoder of one channel's CDR messages, or those of ROS 1 (`packed`), into a table."""
 
-    def __init__(self, type_name: str, definitions: Definitions) -> None:
+    def __init__(self, type_name: str, definitions: Definitions, *, packed: bool = False) -> None:
         self._type = type_name
+        self._packed = packed
         self._definitions = definitions
         self._layouts: list[_Plan] = []
 
@@ -102,13 +103,16 @@ class CdrDecoder:
         start = int(messages.offsets[index])
         data = messages.data[start : start + int(messages.lengths[index])]
         try:
-            layout = learn(data, self._type, self._definitions, messages.budget)
+            layout = self._learn(data, messages)
         except CdrError:
             return {}, {}
         single = {path: blocks[0] for path, blocks in layout.numbers.items() if layout.width(path) == 1}
         return layout.strings, {
             path: float(np.frombuffer(data, block.dtype, 1, block.offset)[0]) for path, block in single.items()
         }
+
+    def _learn(self, message: bytes, messages: Messages) -> MessageLayout:
+        return learn(message, self._type, self._definitions, messages.budget, packed=self._packed)
 
     def decode(self, messages: Messages, chosen: NDArray[np.intp], table: MessageTable) -> None:
         """Append the messages `chosen` (indices) to a table."""
@@ -138,7 +142,7 @@ class CdrDecoder:
                 return
         while matrix.shape[0]:
             try:
-                layout = learn(matrix[0].tobytes(), self._type, self._definitions, messages.budget)
+                layout = self._learn(matrix[0].tobytes(), messages)
             except CdrError as error:
                 table.undecodable += 1
                 table.problem = table.problem or str(error)

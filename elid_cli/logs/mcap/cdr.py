@@ -1,4 +1,4 @@
-"""Learn where every number of a CDR message lies, from one message and its definition.
+"""Learn where every number of a CDR or ROS 1 message lies, from one message and its definition.
 
 A *layout* is the offsets of the numbers and the bytes that fix them (the lengths, and the names of the joints).
 Messages that agree in those bytes have the same layout, so that thousands are checked and decoded at once.
@@ -75,44 +75,55 @@ class MessageLayout:
         return self._fixed_words
 
 
-def learn(message: bytes, type_name: str, definitions: Definitions, budget: Budget) -> MessageLayout:
+def learn(
+    message: bytes, type_name: str, definitions: Definitions, budget: Budget, *, packed: bool = False
+) -> MessageLayout:
     """Return the layout of a CDR message; every field and element is a step of the budget.
+
+    `packed`: it is one of ROS 1, which are little-endian, without encapsulation and without gaps between numbers.
 
     Raises
     ------
     CdrError
         If the message is shorter or longer than its definition says, or its encapsulation is unknown.
     """
-    return _Learner(message, definitions, budget).run(type_name)
+    return _Learner(message, definitions, budget, packed=packed).run(type_name)
 
 
 class _Learner:
     """One walk through one message."""
 
-    def __init__(self, message: bytes, definitions: Definitions, budget: Budget) -> None:
+    def __init__(self, message: bytes, definitions: Definitions, budget: Budget, *, packed: bool) -> None:
+        self.message = message
+        self.budget = budget
+        self.definitions = definitions
+        self.layout = MessageLayout(len(message), template=message)
+        self.packed = packed
+        self.order, self.widest, self.position = "<", 1, 0
+        if not packed:
+            self._encapsulation()
+
+    def _encapsulation(self) -> None:
+        message = self.message
         if len(message) < 4 or message[0] != 0 or message[1] > 11:
             raise CdrError("no CDR encapsulation")
         if message[1] in (2, 3, 8, 9, 10, 11):
             raise CdrError("parameter-list or delimited CDR is not supported")
-        self.message = message
-        self.budget = budget
-        self.definitions = definitions
         self.order = "<" if message[1] & 1 else ">"
         self.widest = 4 if message[1] >= 6 else 8
         self.position = 4
-        self.layout = MessageLayout(len(message), template=message)
         self.layout.fixed.append((0, 2))
 
     def run(self, type_name: str) -> MessageLayout:
         self._message(type_name, "")
-        if len(self.message) - self.position > 7:  # writers may pad the end
+        if len(self.message) - self.position > (0 if self.packed else 7):  # writers of CDR may pad the end
             raise CdrError(f"{len(self.message) - self.position} bytes too many")
         self.layout.fixed = _joined(self.layout.fixed)
         return self.layout
 
     def _message(self, type_name: str, prefix: str) -> None:
         fields = self.definitions[type_name]
-        if not fields:
+        if not fields and not self.packed:
             self._advance(1)  # an empty message is one byte
         for entry in fields:
             self.budget.step()
