@@ -133,10 +133,21 @@ def _label(value: Value, number: int) -> str:
 
 
 def read_parameters(value: Value) -> dict[str, float]:
-    """Return a joint's reference parameters from a mapping of name to number (an empty value: none)."""
+    """Return a joint's reference parameters from a mapping of name to number (an empty value: none).
+
+    Raises
+    ------
+    RobotError
+        An unknown name, no number, or both inertias of the rotor.
+    """
     if value.node.value == "":
         return {}
-    return {name: entry.number() for name, entry in value.fields((), JOINT_PARAMETERS).items()}
+    found = {name: entry.number() for name, entry in value.fields((), JOINT_PARAMETERS).items()}
+    if {"Ja", "Jm"} <= set(found):
+        raise value.error(
+            "Ja and Jm are the same inertia, at the joint and at the rotor", hint="give Jm and gear_ratio, or Ja alone"
+        )
+    return found
 
 
 def read_limits(value: Value) -> Limits:

@@ -90,6 +90,7 @@ def test_every_key_is_read():
         ("sqrt(2)/2, sqrt(2)/2", "1, 1", ["arm.yaml:21:", "slide: motor_axis", "unit vector", "[0, 0.707106781, "]),
         ("name: slide", "name: shoulder", ["arm.yaml:14:", "second joint of this name"]),
         ("{m: 21,", "{m1: 21,", ["arm.yaml:13:", "shoulder: parameters", "'m1'", "did you mean 'm'"]),
+        ("{m: 21,", "{Ja: 2, Jm: 1,", ["arm.yaml:13:", "shoulder: parameters", "Ja and Jm are the same inertia"]),
         ("effect: stribeck", "effect: stribek", ["arm.yaml:24:", "did you mean 'stribeck'"]),
         ("amplitude: -0.25", "amplitud: -0.25", ["arm.yaml:24:", "of slide", "'amplitud'", "mean 'amplitude'"]),
         ("velocity: 0.1}", "velocity: 0.1, width: 3}", ["arm.yaml:24:", "'width'", "amplitude, velocity, exponent"]),
