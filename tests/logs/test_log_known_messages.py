@@ -252,6 +252,7 @@ def test_dynamic_joint_states_are_like_joint_states_and_the_source_with_more_joi
     log = read(path, robot=RIGID)
     np.testing.assert_array_equal(log.q, BASE.q)
     np.testing.assert_array_equal(log.tau, BASE.tau)
+    assert "q could be read from /joint_states as well, which has fewer joints" in log.notes
 
 
 def bare_bag(folder: Path, kind: str, text: str, message: Any) -> Path:

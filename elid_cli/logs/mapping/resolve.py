@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from elid_cli.errors import UsageError, first_of, nearest
@@ -37,10 +37,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
                 break
     placements = placing.placements
     unfit += _unfit(placing.failed, placements)
-    for where in dict.fromkeys(placing.used.values()):
-        if where:
-            known = [signal for signal, by in placing.used.items() if by == where]
-            notes.append(f"{' '.join(known)} are taken as known of {where}")
+    notes += placing.chosen()
     placing.settle_sensor()
     for signal, placement in placements.items():
         if placement.unnamed:
@@ -66,17 +63,38 @@ class _Placing:
     used: dict[str, str] = field(default_factory=dict)
     """Signal -> what is known of the message that holds it; empty: nothing was needed."""
     failed: dict[str, tuple[str, str]] = field(default_factory=dict)
+    passed: dict[tuple[str, str], list[str]] = field(default_factory=dict)
+    """(Where signals would have been read from too, why they are not) -> the signals."""
 
     def take(self, signal: str, layer: Layer, found: Placement) -> bool:
         """Keep a placement if it is worth more than the last; return whether no other is looked for."""
         best = self.placements.get(signal)
-        if best is not None and _worth(found, self.by_source) <= _worth(best, self.by_source):
-            return False
+        if best is not None:
+            new, old = _worth(found, self.by_source), _worth(best, self.by_source)
+            if not _same_place(best, found):
+                self._pass_over(signal, found if new <= old else best, new, old)
+            if new <= old:
+                return False
         self.placements[signal] = found
         if signal == "tau_link":
             self.either = layer.canonical and "joint_states" in found.places
         self.used[signal] = layer.where if layer.profile else ""
         return not layer.canonical
+
+    def chosen(self) -> Iterator[str]:
+        """Yield a note for every message that is known, and for every one that another one is taken in place of."""
+        for where in dict.fromkeys(filter(None, self.used.values())):
+            known = [signal for signal, by in self.used.items() if by == where]
+            yield f"{' '.join(known)} are taken as known of {where}"
+        for (topic, why), signals in self.passed.items():
+            yield f"{' '.join(signals)} could be read from {topic} as well, which has {why}"
+
+    def _pass_over(self, signal: str, lesser: Placement, *worths: tuple[int, int]) -> None:
+        """Keep which message is not used for a signal, of two with these worths, and why."""
+        (joints, rows), (others, other_rows) = worths
+        why = "fewer joints" if joints != others else "fewer samples" if rows != other_rows else "no more samples"
+        if topics := dict.fromkeys(pick.source for pick in lesser.picks if pick.field):
+            self.passed.setdefault((", ".join(topics), why), []).append(signal)
 
     def fail(self, signal: str, layer: Layer, why: str) -> None:
         """Keep why a layer does not place a signal that none has placed yet."""
