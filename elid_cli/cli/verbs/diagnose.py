@@ -149,7 +149,7 @@ def _tell_motion(found: MotionDiagnosis, gates: Limits, files: Files, robot: str
     from elid_cli.model.effects import effect_that
     from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_report, named_effects
 
-    loads = [e for e in found.effects if e.effect == effect_that(local=True, whole_robot=True).name]
+    loads = [e for e in found.effects if e.effect == effect_that(carried=True).name]
     which = "the last one" if not loads or loads[0].joint is None else f"that of {loads[0].joint}"
     more = f"Bodies are those of the file before, {which} with the load that was found." if loads else ""
     said = [line.replace(BODIES_KEPT, more or BODIES_KEPT) for line in remarks(found.after)]

@@ -23,8 +23,7 @@ from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.base_parameters import leftmost
 from elid_cli.model.effects import effect_that
-from elid_cli.model.effects.bodies import body_columns, end_bodies
-from elid_cli.model.effects.library import payload
+from elid_cli.model.effects.bodies import NEW, body_columns, end_bodies
 from elid_cli.model.linearised import Linearised
 from elid_cli.robot.nearest_body import is_body, nearest_body
 from elid_cli.robot.parameter import LINK_PARAMETERS
@@ -61,7 +60,7 @@ class Carried(Change):
     """Which of the kept ones no other parameter of the body, nor a rotor, can stand for."""
     body: int = -1
     """At which body; -1: the last one."""
-    kind = effect_that(local=True, whole_robot=True)
+    kind = effect_that(carried=True)
     most = 3.0
     whole = True
 
@@ -272,7 +271,7 @@ def _felt(robot: Robot, number: int) -> tuple[tuple[int, ...], tuple[bool, ...]]
     And which of them those after them cannot, either.
     """
     body, drives = _of_body(robot, number), _of_drives(robot)
-    leaders = leftmost(np.concatenate([drives, body], axis=1), payload.TOLERANCE, null=0.0).leaders
+    leaders = leftmost(np.concatenate([drives, body], axis=1), NEW, null=0.0).leaders
     kept = tuple(int(k) - drives.shape[1] for k in leaders if k >= drives.shape[1])
     alone = []
     for k in kept:

@@ -213,7 +213,7 @@ def _bodies_for(gains: Sequence[FoundEffect], before: TrajectoryFit) -> tuple[Ri
 def _check_only(robot: Robot, names: Sequence[str]) -> None:
     """Refuse to try nothing: that nothing is found would say that the model suffices."""
     library = effect_classes()
-    load = may_carry(robot) and effect_that(local=True, whole_robot=True).name in names
+    load = may_carry(robot) and effect_that(carried=True).name in names
     if names and not load and not tried_of(library, names):
         listed = ", ".join(sorted(kind.name for kind in tried_of(library, ())))
         raise UsageError(

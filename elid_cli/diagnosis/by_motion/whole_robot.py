@@ -173,7 +173,7 @@ def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
     Or if it does as well in place of several effects.
     """
     doubted = log.is_left(found.done.after, HIDING) or found.items > 1
-    may = log.may(effect_that(local=True, whole_robot=True)) and doubted
+    may = log.may(effect_that(carried=True)) and doubted
     change = other_load_of(plain.plain) if may else None
     if change is None or not change.is_nearer(plain.plain):
         return found
@@ -275,7 +275,7 @@ def _kinds(found: Found, log: _Log, but: type[Effect] | None = None) -> list[Kin
             effect_that(of_drive="integral"),
             Kind(lambda fit: integral_terms(fit, log.signals), lambda joints: terms_of(found.plain, joints)),
         ),
-        *((effect_that(local=True, whole_robot=True), kind) for kind in kinds_of_loads(found.robot)),
+        *((effect_that(carried=True), kind) for kind in kinds_of_loads(found.robot)),
     ]
     known = {but, *(change.by.kind for change in found.changes)}
     known |= {effect_that(of_drive=which) for which in ("gain", *TUNED)} if found.scaled.any() else set()
@@ -287,7 +287,7 @@ def _asked_changes(found: Found, log: _Log, whole: bool = True) -> tuple[Found, 
 
     Without `whole`, no load.
     """
-    kinds = _kinds(found, log, None if whole else effect_that(local=True, whole_robot=True))
+    kinds = _kinds(found, log, None if whole else effect_that(carried=True))
     # what effects that were found hide is asked for beside them
     for near in (found.plain, *([found.done.after] if found.done.named else [])):
         tried = [kind.alone(near) for kind in kinds if kind.alone is not None]

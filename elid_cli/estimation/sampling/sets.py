@@ -25,7 +25,7 @@ LOW, HIGH = 2.5, 97.5
 ROUNDING = 1e-12
 """Relative difference of values that are the same."""
 FRICTION = ("fs", "fv")
-IN_THE_ROBOT = {effect_that(local=True, whole_robot=True).name, effect_that(of_drive="limit").name}
+IN_THE_ROBOT = {effect_that(carried=True).name, effect_that(of_drive="limit").name}
 """Effects that are written into bodies and limits of a robot file, which declares none of them."""
 SAME_FILE = 1e-9
 """Relative difference of values that one file holds."""

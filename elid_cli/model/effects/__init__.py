@@ -26,9 +26,19 @@ def effect_classes() -> dict[str, type[Effect]]:
     return dict(sorted(found.items()))
 
 
+@cache
 def effect_that(**says: object) -> type[Effect]:
-    """Return the effect whose attributes are these: ``effect_that(nuisance="delay")``."""
-    return next(kind for kind in effect_classes().values() if all(getattr(kind, k) == v for k, v in says.items()))
+    """Return the one effect whose attributes are these: ``effect_that(nuisance="delay")``.
+
+    Raises
+    ------
+    ValueError
+        None is, or a new file of the library is another one.
+    """
+    found = [kind for kind in effect_classes().values() if all(getattr(kind, k) == v for k, v in says.items())]
+    if len(found) != 1:
+        raise ValueError(f"{says}: one effect is needed, not {len(found)}: {[kind.name for kind in found]}")
+    return found[0]
 
 
 def nuisance_of(name: str) -> Nuisance | None:

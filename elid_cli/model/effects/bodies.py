@@ -29,6 +29,9 @@ from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 
+NEW = 1e-8
+"""Share of a body's column that has to be new for it to count as independent of those before it."""
+
 SMOOTH: tuple[BaseTerm, ...] = (Rotor(), Viscous(), Spring())
 """Terms beside the bodies that no motion interrupts."""
 SIDES: tuple[Side, ...] = ("motor", "link")

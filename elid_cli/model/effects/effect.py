@@ -114,6 +114,8 @@ class Effect(ABC):
     """Part of the held-out residual variance that a named effect takes away: smoothing imitates any less."""
     local: ClassVar[bool] = False
     """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
+    carried: ClassVar[bool] = False
+    """Whether it is a load that the body at the end of a branch takes up or puts down. One effect."""
     event: ClassVar[bool] = False
     """Whether it is something that happened while one log was recorded, and nothing of the robot: no file holds it."""
     from_model: ClassVar[bool] = False

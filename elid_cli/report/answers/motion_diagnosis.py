@@ -175,7 +175,7 @@ def _missing(found: MotionDiagnosis) -> str:
 
 
 def _untried_words(found: MotionDiagnosis) -> str:
-    begins = effect_that(local=True, whole_robot=True).name
+    begins = effect_that(carried=True).name
     names = [f"{spoken(name)} that begins later" if name == begins else spoken(name) for name in found.untried]
     return f"{listed(names)} (--lookup judges these by the computed torque)"
 
@@ -295,7 +295,7 @@ def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> s
 def _place(found: MotionDiagnosis, effect: FoundEffect) -> str:
     """Return where an effect is, in words: its joint, the last one of a load, or the robot."""
     kind = effect_classes().get(effect.effect)
-    load = kind is not None and kind.whole_robot and kind.local
+    load = kind is not None and kind.carried
     return effect.joint or (found.robot.joint_names[-1] if load else found.robot.name)
 
 

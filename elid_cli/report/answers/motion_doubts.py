@@ -20,7 +20,7 @@ def load_words(found: MotionDiagnosis) -> str:
 
     Those count that change what a drive or the weight does: friction leaves the mass as it is.
     """
-    load, kinds = effect_that(local=True, whole_robot=True).name, effect_classes()
+    load, kinds = effect_that(carried=True).name, effect_classes()
     shifting = {name for name, kind in kinds.items() if kind.of_drive or kind.turns_gravity or kind.moves_zero}
     beside = [r for r in found.also_possible if r.effect in shifting and r.instead_of != load]
     if not beside or all(effect.effect != load for effect in found.effects):
@@ -35,7 +35,7 @@ def load_words(found: MotionDiagnosis) -> str:
 
 def scale_words(found: MotionDiagnosis) -> str:
     """Return by how much values are other where a load and a gain of the drive explain the motion alike."""
-    load, gain = effect_that(local=True, whole_robot=True).name, gain_name()
+    load, gain = effect_that(carried=True).name, gain_name()
     sizes = [r.parameters["gain"] for r in found.also_possible if r.effect == gain and r.instead_of == load
              and "gain" in r.parameters]  # fmt: skip
     if len(sizes) != 1 or found.robot.n > 1:

@@ -7,15 +7,13 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import Dependencies, combination, leftmost, tidy
-from elid_cli.model.effects.bodies import body_columns, end_bodies
+from elid_cli.model.effects.bodies import NEW, body_columns, end_bodies
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion, random_motion
 
-TOLERANCE = 1e-8
-"""Share of a column that has to be new for it to count as independent of those before it."""
 THINNED = 600
 """Instants of the log at which a change is tried."""
 MARGIN = 0.04
@@ -57,6 +55,7 @@ class Payload(Effect):
     shapes = (Parameter("start", "s", "instant of the change", low=0.0),)
     example = {"m": 2.0, "cx": 0.3, "cy": 0.1, "start": 0.7}
     local = True
+    carried = True
     simulated = "robot"
 
     @classmethod
@@ -189,4 +188,4 @@ def independent(robot: Robot, body: int) -> Array:
 def _dependencies(robot: Robot, body: int) -> Dependencies:
     motion = random_motion(robot.n, robot.elastic, samples=24)
     columns = body_columns(robot, body, motion).transpose(1, 0, 2).reshape(len(LINK_PARAMETERS), -1)
-    return leftmost(columns.T, TOLERANCE, null=0.0)
+    return leftmost(columns.T, NEW, null=0.0)
