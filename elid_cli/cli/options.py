@@ -1,6 +1,6 @@
 """Shared options and value types.
 
-A verb says ``@reading @output def verb(logs, robot, reading, output)``; options stand before or after the log.
+A verb says ``@options.source() @options.output def verb(source, output)``; options stand before or after the log.
 """
 
 from __future__ import annotations
@@ -278,7 +278,6 @@ class Output:
     everything: bool = False
     color: Literal["auto", "always", "never"] = "auto"
     quiet: bool = False
-    debug: bool = False
 
     def __post_init__(self) -> None:
         if self.json and self.markdown:
@@ -292,6 +291,8 @@ class Output:
                 formats.check_drawing(Path(self.plot), self.plot_format)
 
 
+debug = option(OUTPUT, "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
+"""`main` looks for it among the arguments, as it is wanted of errors before they are read, too."""
 output = gathered(
     "output", Output,
     option(OUTPUT, "--json", is_flag=True, help="Print one JSON object."),
@@ -304,5 +305,5 @@ output = gathered(
     option(OUTPUT, "--all", "everything", is_flag=True, help="Print every row of long tables."),
     option(OUTPUT, "--color", type=click.Choice(CHOICES), default="auto", help="When to print in colour."),
     option(OUTPUT, "--quiet", is_flag=True, help="Print no progress and no notes on stderr."),
-    option(OUTPUT, "--debug", is_flag=True, help="Show the traceback of an error."),
+    debug,
 )  # fmt: skip

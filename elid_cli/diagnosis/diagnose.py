@@ -231,7 +231,7 @@ def _by_torque(
         refuted = (*refuted, *harmful)
         found = with_absorbed(found, library)
     found = by_known_values(found, known)
-    found = with_channel_faults(found, known, options.only or effect_classes())
+    found = with_channel_faults(found, options.only or effect_classes())
     if not found.partial:
         try:
             found = with_whole_curves(found, known, progress, asked=options.accurate)

@@ -175,7 +175,7 @@ def organise(state: State, row: EstimationRow) -> list[Organised]:
         Organised(name, _between(residual, values[use], total, independent))
         for name, values in variables(state, row.joint).items()
     ]
-    found.append(_line(residual, total, state.log.signals.rate))
+    found.append(_line(residual, state.log.signals.rate))
     found.append(_reversals(state, row.joint, residual, use))
     return sorted((o for o in found if o.share > 0), key=lambda o: -o.share)
 
@@ -300,7 +300,7 @@ def _white_share(residual: Array) -> float:
     return 1.0 / (1.0 + 2.0 * sum(max(r, 0.0) for r in rho))
 
 
-def _line(residual: Array, total: float, rate: float) -> Organised:
+def _line(residual: Array, rate: float) -> Organised:
     spectrum = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
     frequency = np.fft.rfftfreq(len(residual), 1.0 / rate)
     spectrum[frequency < 0.5] = 0.0
@@ -309,8 +309,3 @@ def _line(residual: Array, total: float, rate: float) -> Organised:
     share = float(spectrum[near].sum() / max(spectrum.sum(), 1e-300))
     background = 7.0 / max(len(spectrum), 1)
     return Organised(f"frequency {frequency[peak]:.1f} Hz", max(share - 4 * background, 0.0))
-
-
-def summary(organised: Mapping[str, list[Organised]]) -> dict[str, str]:
-    """Return the strongest variable per row in words."""
-    return {row: f"{o[0].variable} ({o[0].share:.0%})" for row, o in organised.items() if o}

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.coordinates import Coordinates, chains_of
+from elid_cli.model.coordinates import chains_of
 from elid_cli.model.drives import Drives, Stepped, parts_of_loops
 from elid_cli.model.rollout import STEP
 from elid_cli.model.told_by_log import check_any, either, told_by_log
@@ -152,7 +152,7 @@ class Run:
         return replace(self, drives=replace(self.drives, limit=limit))
 
     @classmethod
-    def together(cls, runs: Sequence[Run], coordinates: Coordinates) -> Run:
+    def together(cls, runs: Sequence[Run]) -> Run:
         """Return runs of one length side by side."""
         first = runs[0].drives
         told = np.stack([run.drives.told for run in runs], axis=1)

@@ -87,8 +87,8 @@ def _identification(found: Identification) -> View:
         lambda: [
             Text("title", f"{found.robot.name}: {dict(answer.result_items(found))['parameters']}", "heading"),
             *answer.base_tables(found),
-            error_table("error", found.robot, found.error),
-            *sensor_table("sensors", found.robot, found.error),
+            error_table(found.robot, found.error),
+            *sensor_table(found.robot, found.error),
             *(Text(f"warning{k}", line, "warning") for k, line in enumerate(found.warnings)),
         ],
         lambda: identification_payload(found),
@@ -149,8 +149,8 @@ def _validation(found: Validation) -> View:
     return View(
         lambda: [
             Text("title", found.robot.name, "heading"),
-            error_table("error", found.robot, found.error, fitted=False),
-            *sensor_table("sensors", found.robot, found.error),
+            error_table(found.robot, found.error, fitted=False),
+            *sensor_table(found.robot, found.error),
         ],
         lambda: validation_payload(found, judge_prediction(found)),
         lambda values: [{"joint": joint, **error} for joint, error in values["error"].items()],

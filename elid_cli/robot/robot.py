@@ -282,7 +282,7 @@ class Robot:
     def stiffened(self, joints: NDArray[np.bool_]) -> Robot:
         """Return the robot with rigid transmissions at some elastic joints (n,): all that a log without links shows.
 
-        Its effects stay: which of them need the transmission is theirs to know (`effects.shown_by`).
+        Its effects stay: which of them need the transmission is theirs to know (`declared.as_observed`).
         """
         made_rigid = joints & self.elastic
         if not made_rigid.any():

@@ -14,7 +14,7 @@ from elid_cli.experiment.simulation.run import SimulationOptions, simulate
 from elid_cli.logs.checks.known_inertias import inertia_scales, wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.limits import WRONG
-from elid_cli.logs.checks.position_scale import wrong_positions
+from elid_cli.logs.checks.position_scale import position_factor, position_words
 from elid_cli.logs.mapping.language import SignalMap
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.model.body_torques import inertial_torques
@@ -75,6 +75,13 @@ def test_a_torque_of_another_size_is_no_wrong_time(robot: Robot, log: Log) -> No
     assert not list(wrong_times(Weighed(log[0], 100 * log[1], DT, robot), log[0]))
 
 
+def doubted(log: Weighed, plan: ReadPlan) -> str:
+    """Return what is said of the positions."""
+    found = position_factor(log)
+    assert found is not None
+    return position_words(found, log.robot, plan)
+
+
 @pytest.mark.parametrize(
     ("factor", "size", "key"),
     [(0.1, "10 times too small", "scale: 10"), (180 / np.pi, "57.3 times too large", "unit: deg"),
@@ -83,7 +90,7 @@ def test_a_torque_of_another_size_is_no_wrong_time(robot: Robot, log: Log) -> No
 def test_positions_of_another_size_are_doubted_and_not_the_torque(
     robot: Robot, log: Log, factor: float, size: str, key: str
 ) -> None:
-    (said,) = wrong_positions(Weighed(factor * log[0], log[1], DT, robot), PLAN)
+    said = doubted(Weighed(factor * log[0], log[1], DT, robot), PLAN)
     assert said.startswith(f"positions look {size}: ")
     assert said.endswith(f'if so, map it: q: {{from: "q.{{joint}}", {key}}}')
     assert WRONG in said
@@ -93,7 +100,7 @@ def test_positions_of_another_size_are_doubted_and_not_the_torque(
 def test_of_one_joint_in_another_unit_that_one_is_named_and_proposed(robot: Robot, log: Log, joint: int) -> None:
     factor = np.ones(robot.n)
     factor[joint] = 180 / np.pi
-    (said,) = wrong_positions(Weighed(factor * log[0], log[1], DT, robot), PLAN)
+    said = doubted(Weighed(factor * log[0], log[1], DT, robot), PLAN)
     name = robot.joint_names[joint]
     assert said.startswith(f"positions of {name} look 57.3 times too large: ")
     assert said.endswith(f'if so, map it: q: {{from: "q.{{joint}}", unit: {{{name}: deg}}}}')
@@ -103,11 +110,11 @@ def test_what_is_written_of_positions_stays_in_what_is_proposed(robot: Robot, lo
     written = {"scale": {"joint1": 2.0}}
     spec = SignalMap("q", "q.{joint}", scale=(2.0, *[1.0] * (robot.n - 1)), written=written)
     plan = ReadPlan({"q": Placement(spec, (), (), "q.{joint}")}, None, (), (), {})
-    (said,) = wrong_positions(Weighed(0.1 * log[0], log[1], DT, robot), plan)
+    said = doubted(Weighed(0.1 * log[0], log[1], DT, robot), plan)
     scales = ", ".join(f"{name}: {20 if k == 0 else 10}" for k, name in enumerate(robot.joint_names))
     assert said.endswith(f'if so, map it: q: {{from: "q.{{joint}}", scale: {{{scales}}}}}')
 
 
 def test_positions_are_doubted_neither_as_they_are_nor_for_a_torque_of_another_size(robot: Robot, log: Log) -> None:
     for scale in (1.0, 0.01, 100.0):
-        assert not list(wrong_positions(Weighed(log[0], scale * log[1], DT, robot), PLAN))
+        assert position_factor(Weighed(log[0], scale * log[1], DT, robot)) is None

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import click
 
-from elid_cli.cli import COMPLETE
+from elid_cli.cli import COMPLETE, options
 from elid_cli.cli.group import elid, verb
 
 
 @verb('eval "$(elid completion bash)"', "elid completion zsh > ~/.zfunc/_elid", "elid completion fish | source")
 @click.argument("shell", type=click.Choice(("bash", "zsh", "fish")), metavar="SHELL")
-@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
+@options.debug
 def completion(shell: str) -> None:
     """Print the script that lets bash, zsh or fish complete commands, options, robots and effects."""
     from click.shell_completion import ShellComplete, get_completion_class

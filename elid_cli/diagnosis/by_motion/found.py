@@ -31,7 +31,7 @@ class Found:
     scaled: NDArray[np.bool_]
     """Joints where that is named, (n,)."""
     changes: tuple[Changed, ...]
-    """Angles of the base, zeros of encoders, delays of some drives: each as found with those before it."""
+    """What else of the robot or of its drives is found, such as angles, delays and loads: each with those before it."""
     gains: Gains | None
     """The fit by drives of another torque at the other joints that are doubted."""
     taken: Gains | None

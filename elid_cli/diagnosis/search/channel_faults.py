@@ -33,15 +33,13 @@ SHORT = 1.05
 """Samples up to which a delay is one of the sampling, which every log has, and no effect."""
 
 
-def with_channel_faults(found: Found, declared: int, names: Container[str]) -> Found:
+def with_channel_faults(found: Found, names: Container[str]) -> Found:
     """Return the outcome with faults of torque channels as effects where they are worth a name.
 
     Parameters
     ----------
     found
         What the search found.
-    declared
-        How many of the state's effects, the first ones, are not named.
     names
         Effects that may be named.
     """

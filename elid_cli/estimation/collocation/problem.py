@@ -6,7 +6,7 @@ Minimised over spline coefficients c of all channels, linear parameters p and sh
 
 Sensor noise is where it belongs, in the positions, so no bias is left. The equations of motion enter as link and
 motor rows with fixed rho: a rho estimated from the link rows' own residual would drive every parameter to zero.
-This module states the problem; `bordered` solves its linear systems, `gauss_newton` runs the iteration.
+This module states the problem; `bordered_banded` solves its linear systems, `gauss_newton` runs the iteration.
 """
 
 from __future__ import annotations

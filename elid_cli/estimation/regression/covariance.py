@@ -99,7 +99,7 @@ def lasting_weights(
 def long_run(scores: Array, segment: NDArray[np.intp], rows: int = 1, taken: float = TAKEN) -> Array:
     """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants.
 
-    `rows` and `taken` are those of `longrun.small_sample`.
+    `rows` and `taken` are those of `long_run.small_sample`.
     """
     bandwidth = bandwidth_of(scores)
     factor = small_sample(len(scores), scores.shape[1], bandwidth, rows, taken)
@@ -150,7 +150,7 @@ def in_unit_columns(columns: Array, target: Array) -> tuple[Array, Array, Array,
 def regression(columns: Array, target: Array, segment: NDArray[np.intp]) -> Regression:
     """Fit a target (M,) by columns (M, k), its residual correlated within each segment (number of every instant, (M,)).
 
-    Standard errors are autocorrelation-aware (Newey and West 1987; `longrun`).
+    Standard errors are autocorrelation-aware (Newey and West 1987; `long_run`).
     """
     unit, scale, inverse, fitted = in_unit_columns(columns, target)
     scores = unit * (target - unit @ fitted)[:, None]

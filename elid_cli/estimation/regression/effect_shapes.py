@@ -33,7 +33,7 @@ _SCANNED = 3
 _STARTS = 5
 """Valleys of the grid that are refined."""
 _ALIKE = 60.0
-"""Cost above the least up to which a valley is worth a look (`valleys.told_apart`)."""
+"""Cost above the least up to which a valley is worth a look (`other_shapes`)."""
 _LEFT = 1e-13
 """Part of a squared column below which the base columns, or other effects, explain it all."""
 _STEP = 1e-3

@@ -2,7 +2,7 @@
 
 Beside the triangles stand the long-run covariance of the scores (for standard errors that know of correlation in
 time), what the signals were like, and where they came from. Several of these, of one robot and reduced under the same
-options, are identified together by `merging`.
+options, are identified together by `merge`.
 """
 
 from __future__ import annotations

@@ -22,12 +22,8 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
-SHOWN = 3.0
-"""Standard errors beyond which a change is worth a word."""
 SEVERAL = 1.5
 """Steps of a simulator from which on a loop may hold its torque for more than one."""
-SMALL = 0.03
-"""Part of a value below which a change is not worth a word."""
 HOLDS = (
     "the drives' loops are simulated {rate}, their torque held for {period}: the motion is nearer so than "
     "with loops that act all the time, with which viscous friction and motor inertia come out too small by kp and kd "

@@ -225,7 +225,7 @@ def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
     for k, run in enumerate(runs):
         lengths.setdefault(len(run.t), []).append(k)
     for numbers in lengths.values():
-        together = Run.together([runs[k] for k in numbers], equations.coordinates)
+        together = Run.together([runs[k] for k in numbers])
         x, _ = motion_of(
             equations, together.start, together.near, together.drives, joints, together.dt,
             _along(robot, together.dt / together.finer, len(together.t) * together.finer), together.finer,

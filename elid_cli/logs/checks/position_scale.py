@@ -7,7 +7,6 @@ times too small make a torque of the right size look too large, and another func
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -39,16 +38,6 @@ class Found(NamedTuple):
     factor: float
     joints: NDArray[np.bool_]
     """(n,)"""
-
-
-def wrong_positions(log: Weighed, plan: ReadPlan) -> Iterator[str]:
-    """Yield a sentence where torques hold the described bodies' weight at positions of another size.
-
-    The plan says where they were read from.
-    """
-    found = position_factor(log)
-    if found is not None:
-        yield position_words(found, log.robot, plan)
 
 
 def position_words(found: Found, robot: Robot, plan: ReadPlan) -> str:

@@ -30,7 +30,6 @@ def small(fraction: float | None) -> str:
 
 
 def error_table(
-    key: str,
     robot: Robot,
     error: Mapping[str, JointError],
     title: str = "",
@@ -71,10 +70,10 @@ def error_table(
                 row.append(Quantity(rms / floor, digits=2, tone=mark.tone) if floor else None)
             rows.append(tuple(row))
     note = "\n".join((LIGHTS, *SIDE_NOTES.values())) if with_spring else LIGHTS
-    return Table(key, tuple(columns), tuple(rows), title=title, note=note)
+    return Table("error", tuple(columns), tuple(rows), title=title, note=note)
 
 
-def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> list[Section]:
+def sensor_table(robot: Robot, error: Mapping[str, JointError]) -> list[Section]:
     """Return how well each joint torque sensor is predicted, side by side; nothing without sensors."""
     columns = (
         Column("joint", "joint"),
@@ -97,7 +96,7 @@ def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> lis
             row += [Quantity(size, unit, 3), percent(size / s.reading_rms if s.reading_rms else None)]
         rows.append((*row, Quantity(None if isnan(s.drive_rms) else s.drive_rms, unit, 3)))
     title = "error against the joint torque sensors"
-    return [Table(key, columns, tuple(rows), title=title)] if rows else []
+    return [Table("sensors", columns, tuple(rows), title=title)] if rows else []
 
 
 def log_table(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:

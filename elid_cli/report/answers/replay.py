@@ -17,9 +17,7 @@ SHORT_HORIZON = 0.1
 """s; where even this short a replay runs away, the robot file is wrong."""
 
 
-def replay_report(
-    replays: Sequence[Replay], against: Sequence[Replay] = (), names: Sequence[str] = ("", ""), command: str = ""
-) -> Report:
+def replay_report(replays: Sequence[Replay], against: Sequence[Replay] = (), names: Sequence[str] = ("", "")) -> Report:
     """Return the report of a replay of several logs.
 
     Parameters
@@ -30,8 +28,6 @@ def replay_report(
         The same logs with another robot, if any.
     names
         Both robots as the user named them.
-    command
-        What to run next.
     """
     first, error = replays[0], pooled(replays)
     before = pooled(against) if against else None
@@ -45,8 +41,6 @@ def replay_report(
     if len(replays) > 1:
         sections.append(_by_log(robot, replays, against))
     sections.append(KeyValues("inputs", _facts(replays), "how it was computed"))
-    if command:
-        sections.append(Text("next", command, "next"))
     return Report("replay", replay_payload(replays, against), tuple(sections))
 
 

@@ -156,7 +156,7 @@ def test_steps_of_half_leave_a_quarter_where_joints_turn_and_drives_are_at_their
     for finer in (1, 2, 4):
         moved = run.delayed(np.zeros(2), finer=finer)
         alone = changed(moved, drives=changed(moved.drives, limit=limit))
-        alone = alone.together([alone], equations.coordinates)
+        alone = alone.together([alone])
         x, v = rollout.variants_of(equations, local, alone.start, alone.drives, joints, DT)
         found.append(x[:, 0, 0])
     turns = np.diff(np.sign(v[:, 0, 0]), axis=0) != 0
@@ -348,7 +348,7 @@ def test_the_command_judges_and_compares(
 def test_variants_side_by_side_are_those_alone(arm: Robot, log: Recording) -> None:
     (run,) = runs_of(log, arm, None, np.zeros(2), commanded=True)
     equations = Linearised(arm)
-    together = run.together([run], equations.coordinates)
+    together = run.together([run])
     values = np.array([[2.0, 2.0], [1.0, 4.0], [3.0, 0.5]])
     none = np.zeros_like(values)
     joints = Joints(none, values, 0.5 * values, none)
