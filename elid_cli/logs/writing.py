@@ -24,6 +24,11 @@ def formats() -> tuple[LogFormat, ...]:
     return tuple(sorted(found, key=lambda fmt: (fmt.priority, fmt.name)))
 
 
+def log_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of logs: those of all formats, and of what packs them."""
+    return (*dict.fromkeys(suffix for fmt in formats() for suffix in fmt.suffixes), ".tsv", ".zip", ".gz")
+
+
 def recognise(source: Source) -> LogFormat:
     """Return the format of a log by its content.
 

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from elid_cli.cli import main
 from elid_cli.cli.group import elid as commands
 from elid_cli.robot.files import read_robot
 from tests.cli.conftest import Elid
@@ -277,3 +278,10 @@ def test_fingers_that_stand_still_in_the_log_are_not_said_to_be_absent(elid: Eli
     said = json.loads(done.stdout)
     assert said["absent"] == []
     assert "# lock: {left: 0.02, right: 0.02}   # as " in arm.with_suffix(".elid.yaml").read_text()
+
+
+@pytest.mark.parametrize("log", ["run.jsonl", "run.csv.gz", "RUN.MCAP"])
+def test_a_log_in_the_robots_place_is_told(tmp_path: Path, log: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / log).write_text("{}")
+    assert main(["init", str(tmp_path / log), "arm.urdf"]) == 2
+    assert "is a log; the robot's file comes first" in capsys.readouterr().err

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from elid_cli.robot.completion import Completion
     from elid_cli.robot.robot import Robot
 
-LOGS = (".h5", ".hdf5", ".mat", ".csv", ".tsv", ".mcap", ".db3", ".npz", ".parquet", ".zip", ".gz")
-"""Suffixes that no robot file has."""
-
 
 @verb("elid init arm.urdf run07.mcap", "elid init arm.urdf run07.csv --map map.yaml --force")
 @click.argument("robot", type=values.File(), metavar="ROBOT")
@@ -42,12 +39,13 @@ def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, fo
     from elid_cli.errors import UsageError
     from elid_cli.files import check_target, write_text
     from elid_cli.logs import read_map_options
+    from elid_cli.logs.writing import log_suffixes
     from elid_cli.report.answers.completion import completion_report
     from elid_cli.robot.beside import beside_file
     from elid_cli.robot.completion import completion_text
     from elid_cli.robot.files import read_robot
 
-    if Path(robot).suffix.lower() in LOGS:
+    if robot.lower().endswith(log_suffixes()):
         raise UsageError(f"{robot}: is a log; the robot's file comes first", hint=f"elid init {log or 'ROBOT'} {robot}")
     machine = read_robot(robot, beside=False)
     if not machine.source:

@@ -43,10 +43,10 @@ IN_VAIN = 3
 """Further rounds of which nothing is kept: what screening prefers at a joint need not be what is missing there."""
 HELPED = 0.75
 """Part of the blocks of time that an effect must make better."""
-FURTHER = 0.3
-"""The same of a further effect at a joint: what is left of the first, in a shape that is not quite its own, is none."""
 HOPEFUL = 0.4
-"""The same of one that is tried at all: screening knows nothing of a joint that sticks."""
+"""Part of them that one must make better to be tried at all: screening knows nothing of a joint that sticks."""
+FURTHER = 0.3
+"""Gain that a further effect at a joint must have: what is left of the first, not quite in its shape, is none."""
 SURE = 2.0
 """Standard errors by which an effect's amplitude must be clear of 0."""
 ALIKE = 0.9

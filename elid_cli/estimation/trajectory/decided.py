@@ -36,11 +36,11 @@ NEXT = 0.05
 PART = 0.1
 """Part of a joint's own inertia, torque and damping gain that inertia, friction and viscous friction begin with."""
 AHEAD = 8.0
-"""The same of one that is negative …"""
-WITHIN = 0.2
-"""Part of a loop's period up to which a delay is one of whole periods."""
+"""Standard errors from which a delay of a motion ahead of its commands is an unknown …"""
 NEARER = 0.2
 """… and the sum over the joints of the logarithm by which the error then falls, unless only noise is left."""
+WITHIN = 0.2
+"""Part of a loop's period up to which a delay is one of whole periods."""
 
 
 def fit_trajectory(

@@ -43,7 +43,7 @@ joint."""
 NONE = 1e-3
 """Part of what holding may take from viscous friction up to which that is none."""
 AT_NOISE = 1.03
-"""The same up to which nothing else is left."""
+"""Times the encoders' noise up to which nothing but that is left."""
 WHOLE = 0.25
 """Part of a period by which a delay may be off a whole number of periods: a loop that runs at the log's instants is
 told its commands at these."""

@@ -53,12 +53,12 @@ USUAL = 1, 2, 4, 5, 10
 the delay is known well enough to be one of whole steps."""
 SURE, LEAST = 3.0, 0.01
 """Standard errors, and part of a sample, by which drives act before they are told for that to count …"""
+SLIGHT = 5e-5
+"""… and s from which standard errors count it in any case."""
 BESIDE, NEARBY = 2, 0.3
 """Steps per sample more or fewer, and part of its period, within which steps and loops are tried beside each other."""
 LONGEST = 0.6
 """Part of a sample by which steps, of a whole one at most, can make drives act before they are told."""
-SLIGHT = 5e-5
-"""… and s from which standard errors count it in any case."""
 
 
 def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:

@@ -27,8 +27,9 @@ from elid_cli.robot.robot import Robot
 INSTANTS = 400
 """Instants of a log that are looked at."""
 FEWEST = 60
+"""Instants that are enough."""
 FAINT = 0.3
-"""The same below which a torque does not hold the weight at all."""
+"""Correlation of torque and weight below which a torque does not hold the weight at all."""
 OWN = 0.2
 """Least part of a weight's spread that the joint's speed and the chain's accelerations must leave."""
 NOTHING = 0.05
