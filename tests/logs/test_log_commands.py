@@ -94,6 +94,7 @@ def test_a_measured_torque_wins_unless_the_command_is_asked_for(tmp_path: Path) 
     log = read(tmp_path / "log.h5", robot=CONTROLLED, mapping=read_map_options(["tau=command"]))
     np.testing.assert_allclose(log.tau, computed, rtol=1e-12, atol=1e-12)
     assert np.abs(log.tau - base.tau).max() > 0.1
+    assert not any("whose name says that it is the commanded torque" in note for note in log.notes)
 
 
 def test_the_torque_is_cut_at_the_joints_limit(tmp_path: Path) -> None:

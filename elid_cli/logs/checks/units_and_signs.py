@@ -171,7 +171,7 @@ def _of_motors(plan: ReadPlan, robot: Robot) -> Iterator[str]:
 def told_torques(plan: ReadPlan) -> Iterator[str]:
     """Note a torque that is by its name what the drives were asked for."""
     placement = plan.placements.get("tau")
-    if placement is not None and TOLD & set(words_of(placement.places)):
+    if placement is not None and placement.picks and TOLD & set(words_of(placement.places)):
         yield (
             f"tau is read from {placement.places}, whose name says that it is the commanded torque: where the drives "
             "gave another one, the model describes the command"
