@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from elid_cli.report.formats import Style
 from elid_cli.report.formats.json import plain
-from elid_cli.report.tree import Report, Section, Text
+from elid_cli.report.tree import Report, Section, Text, warned
 from elid_cli.robot.robot import Joint, Robot
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _identification(found: Identification) -> View:
             *answer.base_tables(found),
             error_table(found.robot, found.error),
             *sensor_table(found.robot, found.error),
-            *(Text(f"warning{k}", line, "warning") for k, line in enumerate(found.warnings)),
+            *warned(found.warnings),
         ],
         lambda: identification_payload(found),
         lambda values: values["base_parameters"],

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, TypeAlias
 
@@ -238,6 +238,16 @@ class Report:
     def figures(self) -> tuple[Figure, ...]:
         """The figures, in order."""
         return tuple(section for section in self.sections if isinstance(section, Figure))
+
+
+def upper(text: str) -> str:
+    """Return a sentence with its first letter large."""
+    return text[:1].upper() + text[1:]
+
+
+def warned(lines: Iterable[str], key: str = "warning") -> tuple[Text, ...]:
+    """Return sentences that stand out, one section each."""
+    return tuple(Text(f"{key}{k}", line, "warning") for k, line in enumerate(lines))
 
 
 def picked(record: object, names: str) -> dict[str, Any]:

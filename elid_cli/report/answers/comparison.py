@@ -20,6 +20,7 @@ from elid_cli.report.tree import (
     Tone,
     number_text,
     percent,
+    warned,
 )
 
 SHOWN = 20
@@ -39,7 +40,7 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
         sections += _moved(comparison, k, sigmas)
     sections += _errors(results)
     doubts = [*_doubts(results), *(_left_out(c) for c in comparisons if c.left_out)]
-    sections += [Text(f"warning{k}", line, "warning") for k, line in enumerate(doubts)]
+    sections += warned(doubts)
     payload = {
         "robot": results[0].robot,
         "files": [r.file for r in results],

@@ -16,17 +16,13 @@ from elid_cli.report.answers.error_tables import torque_unit
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.known import parameter_words, some
 from elid_cli.report.answers.missing import further_items, held_out_size, loud_rows, missing_words, repeating
-from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text
+from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text, warned
 from elid_cli.signals.recording import Recording
 
 MOVED = 3.0
 """Shift of a base parameter, in standard deviations, that is worth a word."""
 WORSE = 1.1
 """Error after over that before on another log from which it speaks against what was found."""
-PARTIAL = (
-    "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
-    " written"
-)
 HIDES = 3.0
 """Times the sensors' noise from which on what is left hides parameters."""
 NEARER = 0.7
@@ -60,12 +56,9 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
             parameter_words(told.after, _in_doubt(found, told.after)),
             record,
         ),
-        *([Text("partial", PARTIAL, "warning")] if found.partial else []),
-        *(
-            Text(f"against{k}", line, "warning")
-            for k, line in enumerate((*_repeating(found), *_worse(found), *_against(told)))
-        ),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
+        *([Text("partial", summary.PARTIAL, "warning")] if found.partial else []),
+        *warned((*_repeating(found), *_worse(found), *_against(told)), "against"),
+        *warned((*recording.warnings, *told.after.warnings)),
         *result_sections(told),
         *(
             tables.before_after_table(

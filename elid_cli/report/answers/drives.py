@@ -18,9 +18,8 @@ from elid_cli.report.answers.summary import (
     SYMBOLS,
     listed,
     share_text,
-    upper,
 )
-from elid_cli.report.tree import Cell, Column, Mark, Table, number_text
+from elid_cli.report.tree import Cell, Column, Mark, Table, number_text, upper
 
 DRIVE = ("Ja", "fs", "fv")
 """Parameters of a drive that may be known roughly; an offset near 0 is as well known as another."""
@@ -79,7 +78,7 @@ def drives_words(found: Identification) -> str:
     still = sorted({joint for joints in hidden.values() for joint in joints}, key=list(drives).index)
     moving = len(drives) - len(still)
     whole = "the joint" if len(drives) == 1 else f"{f'{moving} of' if still else 'all'} {len(drives)} joints"
-    said = [f"{names[:1].upper()}{names[1:]} of {whole}, with the bodies of the robot file"]
+    said = [f"{upper(names)} of {whole}, with the bodies of the robot file"]
     if still:
         said.append(f"{upper(NOT_SHOWN)} by this log: {_kinds(hidden)}")
     if rough:

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from elid_cli.diagnosis.friction_family import PLAIN, FrictionFamily, MemberFit, family
+from elid_cli.report import tree
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import torque_unit
 from elid_cli.report.answers.identification_json import error_payload
 from elid_cli.report.answers.summary import listed
-from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, picked
+from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, picked, upper
 from elid_cli.signals.recording import Recording
 
 
@@ -31,7 +32,7 @@ def friction_report(
     sections: list[Section] = [
         inputs.heading(found.robot, recording),
         KeyValues("answers", (("which friction?", _sentence(found)),)),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
+        *tree.warned(recording.warnings),
         _errors(found),
         _members(found),
         *_values(found),
@@ -93,7 +94,7 @@ def _sentence(found: FrictionFamily) -> str:
     titles = found.members
     words = "; ".join(f"{titles[name].title} friction ({name}) at {listed(groups[name])}"
                       for name in titles if name in groups)  # fmt: skip
-    return f"{words[:1].upper()}{words[1:]}."
+    return f"{upper(words)}."
 
 
 def _errors(found: FrictionFamily) -> Table:

@@ -11,6 +11,7 @@ from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identificatio
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.model.effects import nuisance_of
+from elid_cli.report import tree
 from elid_cli.report.answers import inputs, summary
 from elid_cli.report.answers.classification import folded, reasons_table, verdict_mark
 from elid_cli.report.answers.drive_gains import gains_table
@@ -72,7 +73,7 @@ def identification_report(
             parameter_words(found, loud),
             record,
         ),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
+        *tree.warned((*recording.warnings, *found.warnings)),
         error_table(found.robot, found.error, TITLE, lacking=lacking),
         *gains_table(found.drive_gains),
         *sensor_table(found.robot, found.error),

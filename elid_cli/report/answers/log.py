@@ -9,7 +9,7 @@ from typing import Any
 from elid_cli.report.answers.inputs import command, heading, log_payload, recorded_items, robot_payload
 from elid_cli.report.answers.summary import listed
 from elid_cli.report.figures.plots.signals import gaps, sizes
-from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, warned
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
@@ -32,7 +32,7 @@ def log_report(recording: Recording, robot: Robot, robot_argument: str | None) -
         heading(robot, recording),
         Text("answer", _answer(recording, robot, moved)),
         KeyValues("inputs", recorded_items(robot, recording)),
-        *(Text(f"warning{k}", warning, "warning") for k, warning in enumerate(recording.warnings)),
+        *warned(recording.warnings),
         _table(robot, moved),
         Text("next", line, "next"),
     ]

@@ -16,7 +16,7 @@ from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.answers.lacking import follows_words, moment_words
 from elid_cli.report.answers.summary import called, listed
-from elid_cli.report.tree import Cell, number_text
+from elid_cli.report.tree import Cell, number_text, upper
 
 _VARIABLES = {
     "reversals": "reversals of its motor (sticking)",
@@ -114,7 +114,7 @@ def named_words(places: Mapping[str, Sequence[str]], rivals: Sequence[Rival], su
             names += [f"{spoken(r.effect)} at {r.joint or 'the robot'}" for r in equals]
             groups.append(f"one of: {', '.join(dict.fromkeys(names))}; this log cannot tell which")
     said = "; ".join(groups) + (in_brackets(summary) if len(groups) == 1 and not rivals else "")
-    return f"{said[:1].upper()}{said[1:]}."
+    return f"{upper(said)}."
 
 
 def in_brackets(summary: str) -> str:
@@ -250,7 +250,7 @@ def _near(item: Unexplained) -> str:
     kind = effect_classes().get(near.effect)
     forms = "; elid friction compares its other forms" if kind is not None and kind.holds() else ""
     what, part = whose(near.effect, near.joint), number_text(100 * near.gain, 2)
-    return f" {what[:1].upper()}{what[1:]} comes near: it takes {part} % of that{forms}."
+    return f" {upper(what)} comes near: it takes {part} % of that{forms}."
 
 
 def judged_after(found: Diagnosis) -> tuple[RowState, ...]:

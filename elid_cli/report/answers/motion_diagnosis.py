@@ -28,7 +28,7 @@ from elid_cli.report.answers.motion_doubts import (
     mean_off,
     scale_words,
 )
-from elid_cli.report.answers.summary import answers, doubted, listed, record_sections, share_text
+from elid_cli.report.answers.summary import PARTIAL, answers, doubted, listed, record_sections, share_text
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -42,15 +42,12 @@ from elid_cli.report.tree import (
     number_text,
     percent,
     picked,
+    warned,
 )
 from elid_cli.robot.position_words import largest_words
 
 METHOD = "judged by the simulated motion, on stretches that the values were not fitted to"
 RIGID = " The joints are taken as rigid: play and compliance of their transmissions are not tried."
-PARTIAL = (
-    "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
-    " written"
-)
 
 
 def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written: str | None = None) -> Report:
@@ -74,7 +71,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         inputs.heading(found.robot, recording),
         answers(_trust(found), _missing(found), parameter_words(found.after), record),
         *([Text("partial", PARTIAL, "warning")] if found.partial else []),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.after.warnings))),
+        *warned((*recording.warnings, *found.after.warnings)),
         *_effect_sections(found),
         _position_table(found),
         *_differing_section(found),

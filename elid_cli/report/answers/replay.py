@@ -8,6 +8,7 @@ from typing import Any
 
 from elid_cli.experiment.replay.errors import PositionError, overall, runaways
 from elid_cli.experiment.replay.replay import TORQUE_HORIZON, Replay, pooled
+from elid_cli.report import tree
 from elid_cli.report.answers.inputs import log_payload, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 from elid_cli.robot.position_words import mean_words, small_unit
@@ -35,7 +36,7 @@ def replay_report(replays: Sequence[Replay], against: Sequence[Replay] = (), nam
     sections: list[Section] = [
         Text("title", f"{robot.name} · {', '.join(item.recording.files[0] for item in replays)}", "heading"),
         KeyValues("answers", (("how far off?", _sentence(robot, error, before, names, first.horizon)),)),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(_warnings(first))),
+        *tree.warned(_warnings(first)),
         _table(robot, error, before),
     ]
     if len(replays) > 1:

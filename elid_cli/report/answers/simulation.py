@@ -8,7 +8,7 @@ from elid_cli.experiment.simulation import Simulation, SimulationOptions
 from elid_cli.report.answers.inputs import command, heading, log_payload, recorded_items, robot_payload
 from elid_cli.report.answers.missing import whose
 from elid_cli.report.answers.summary import listed
-from elid_cli.report.tree import Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
+from elid_cli.report.tree import Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked, warned
 from elid_cli.robot.robot import EffectSpec, Robot
 
 FOLLOWED = 0.1
@@ -33,7 +33,7 @@ def simulation_report(robot: Robot, result: Simulation, options: SimulationOptio
     sections: list[Section] = [
         heading(robot, result.recording),
         Text("answer", _answer(robot, result)),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(_lost(robot, result))),
+        *warned(_lost(robot, result)),
         KeyValues("inputs", (*recorded_items(robot, result.recording), *_items(robot, result, options))),
         _motion_table(robot, result),
         Text("next", command("identify", result.recording, robot_argument), "next"),

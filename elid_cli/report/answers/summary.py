@@ -23,7 +23,7 @@ from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.units_and_signs import AS_IT_IS, NOT_TORQUE
 from elid_cli.model.regressor import Kind
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.tree import KeyValues, Mark, Section, cell_text, number_text
+from elid_cli.report.tree import KeyValues, Mark, Section, cell_text, number_text, upper
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
@@ -295,9 +295,11 @@ def by_kind(leaders: Sequence[StandardParameter]) -> list[int]:
     return sorted(range(len(leaders)), key=lambda k: (places.get(leaders[k].kind, len(places)), k))
 
 
-def upper(text: str) -> str:
-    """Return a sentence with its first letter large."""
-    return text[:1].upper() + text[1:]
+PARTIAL = (
+    "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
+    " written"
+)
+"""Said of a diagnosis that was not finished."""
 
 
 def share_text(fraction: float) -> str:

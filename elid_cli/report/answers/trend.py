@@ -28,6 +28,7 @@ from elid_cli.report.tree import (
     Text,
     Tone,
     number_text,
+    warned,
 )
 
 WORDS = {
@@ -49,7 +50,7 @@ def trend_report(found: Trends, remarks: Sequence[str] = ()) -> Report:
     sections: list[Section] = [
         Text("title", f"{found.robot} · {len(found.files)} recordings", "heading"),
         KeyValues("answers", tuple((question, answer) for question, answer in answers if answer)),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(warnings)),
+        *warned(warnings),
         *standing_out_table(found),
         *_tables(found),
     ]

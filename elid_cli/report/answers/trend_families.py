@@ -7,7 +7,7 @@ from typing import Any
 from elid_cli.estimation.trend.families import Family
 from elid_cli.estimation.trend.trends import Trends
 from elid_cli.report.answers.summary import share_text, signed_share
-from elid_cli.report.tree import picked
+from elid_cli.report.tree import picked, upper
 
 KINDS = {
     "fv": "viscous friction",
@@ -61,7 +61,7 @@ def _sentence(item: Family, found: Trends) -> str:
         said += f"; joints differ alike between recordings (p = {item.together_p:.1g})"
     else:
         said = f"{joints} differs alike between recordings (p = {item.together_p:.1g}), and no line is shown: {slope}"
-    said = said[0].upper() + said[1:] if item.kind in KINDS else said
+    said = upper(said) if item.kind in KINDS else said
     return f"{said}. That can be {CAUSES.get(item.kind, SHARED)}.{_with(item)}"
 
 

@@ -16,7 +16,7 @@ from elid_cli.report.answers.error_tables import error_table, log_table, sensor_
 from elid_cli.report.answers.identification_json import error_payload, model_payload
 from elid_cli.report.answers.lacking import lacking_words, moment_words, rows_words
 from elid_cli.report.answers.summary import answers, trust_words
-from elid_cli.report.tree import KeyValues, Report, Section, Text
+from elid_cli.report.tree import KeyValues, Report, Section, Text, warned
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
@@ -52,7 +52,7 @@ def validation_report(
     sections: tuple[Section, ...] = (
         inputs.heading(found.robot, recording),
         answers(trust_words(found.robot, error, lacking, recording.warnings), missing, "", ""),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
+        *warned(recording.warnings),
         error_table(found.robot, error, "torque of each joint", fitted=False, lacking=lacking),
         *sensor_table(found.robot, found.error),
         *log_table(found.robot, cases),

@@ -27,6 +27,7 @@ from elid_cli.report.tree import (
     Text,
     cell_text,
     file_name,
+    upper,
 )
 
 SUFFIXES, FIGURES = (".html", ".htm"), True
@@ -146,7 +147,7 @@ def _is(section: Section, key: str) -> bool:
 
 def _answers(answers: KeyValues) -> str:
     cards = "".join(
-        f"<div><h2>{escape(_upper(question))}</h2><p>{_linked(_prose(cell_text(answer)))}</p></div>"
+        f"<div><h2>{escape(upper(question))}</h2><p>{_linked(_prose(cell_text(answer)))}</p></div>"
         for question, answer in answers.items
     )
     return f'<section class=answers aria-label="answers">{cards}</section>'
@@ -177,7 +178,7 @@ def _folded(section: Section, closed: bool) -> str:
     if isinstance(section, Text):
         return _section(section)
     figure = isinstance(section, Figure)
-    name = section.title if figure else _upper(section.title or section.key.replace("_", " "))
+    name = section.title if figure else upper(section.title or section.key.replace("_", " "))
     inner = _figure(section, titled=False) if isinstance(section, Figure) else _bare(section)
     return f"<details{'' if closed else ' open'}><summary>{escape(name)}</summary>{inner}</details>"
 
@@ -224,7 +225,7 @@ def _section(section: Section, under: str = "", *, whole: bool = False) -> str:
     if isinstance(section, Table) and len(section.rows) > LONG and not whole:
         return _folded(section, True)
     name = section.title or (section.key.replace("_", " ") if isinstance(section, Table) else "")
-    return (f"<h3>{escape(_upper(name))}</h3>" if name and _upper(name) != under else "") + _bare(section)
+    return (f"<h3>{escape(upper(name))}</h3>" if name and upper(name) != under else "") + _bare(section)
 
 
 def _bare(section: KeyValues | Table) -> str:
@@ -300,7 +301,3 @@ def _anchor(key: str) -> str:
 def _prose(text: str) -> str:
     """Return a text with numbers tied to their units: no line ends between them."""
     return escape(UNITS.sub(TIE, text))
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.report.figures.drawing import Color, Drawing, Line, Panel, alike
 from elid_cli.report.figures.paint import scatter_with_mean
-from elid_cli.report.tree import Figure, number_text
+from elid_cli.report.tree import Figure, number_text, upper
 
 if TYPE_CHECKING:
     from elid_cli.diagnosis.refit import Contribution
@@ -71,7 +71,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     views = sorted(effect_views(told.diagnosis, told.contributions), key=lambda view: names.index(view.joint))
     for k, view in enumerate(views, start=1):
         name = spoken(view.effect)
-        title = f"{name[:1].upper()}{name[1:]} at {view.joint}: residual without and with it"
+        title = f"{upper(name)} at {view.joint}: residual without and with it"
         sums = "" if view.friction is None else SUMS
         yield Figure(f"effect{k}", title, "effect", asdict(view), caption + sums)
 
