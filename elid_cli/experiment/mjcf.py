@@ -28,7 +28,7 @@ from elid_cli.experiment.real_bodies import apart, known_parameters, split_mass
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.declared import is_soft_in_mjcf, resolve
 from elid_cli.robot.frames import z_to
-from elid_cli.robot.inertia import about_centre, inertial_parameters
+from elid_cli.robot.inertia import about_centre, inertial_parameters, six_of
 from elid_cli.robot.mjcf.elements import stiffness_and_rest
 from elid_cli.robot.mjcf.held import DAMPING, LINK_EFFECTS, SPRING, declared, is_held
 from elid_cli.robot.robot import Joint, Robot
@@ -152,8 +152,9 @@ def _armature(joint: Joint) -> bool:
 
 def _inertial(link: Array) -> str:
     mass, centre, tensor = about_centre(inertial_parameters(link))
-    order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
-    return f'<inertial pos="{xml_numbers(centre)}" mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"/>'
+    return (
+        f'<inertial pos="{xml_numbers(centre)}" mass="{xml_number(mass)}" fullinertia="{xml_numbers(six_of(tensor))}"/>'
+    )
 
 
 def _link_joint(robot: Robot, joint: Joint, spring: Mapping[str, float] | None, soft: Mapping[str, str] | None) -> str:

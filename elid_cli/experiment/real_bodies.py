@@ -10,7 +10,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
-from elid_cli.robot.inertia import pseudo_inertia
+from elid_cli.robot.inertia import in_lengths, pseudo_inertia, ten_of
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import in_joint_frames, with_parameters
@@ -79,7 +79,7 @@ def apart(robot: Robot, parameters: Array) -> tuple[Robot, list[Array]]:
 
 def _links(robot: Robot) -> list[Array]:
     """Return the pseudo-inertias of a robot in joint frames, less the discs of the rotors that ride on them."""
-    links = [pseudo_inertia(np.array([joint.parameters[name] for name in LINK_PARAMETERS])) for joint in robot.joints]
+    links = [pseudo_inertia(ten_of(joint.parameters)) for joint in robot.joints]
     for joint, carrier in zip(robot.joints, robot.parents, strict=True):
         if carrier >= 0 and joint.gear_ratio is not None:
             links[carrier] = links[carrier] - disc(joint.parameters["Jm"], joint.motor_axis)
@@ -93,12 +93,7 @@ def _length(robot: Robot) -> float:
 
 
 def _real(links: list[Array], length: float) -> bool:
-    return all(np.linalg.eigvalsh(_scaled(link, length))[0] > ENOUGH * np.trace(link) > 0 for link in links)
-
-
-def _scaled(matrix: Array, length: float) -> Array:
-    weights = np.array([1 / length, 1 / length, 1 / length, 1.0])
-    return np.asarray(matrix * np.outer(weights, weights))
+    return all(np.linalg.eigvalsh(in_lengths(link, length))[0] > ENOUGH * np.trace(link) > 0 for link in links)
 
 
 def _real_twin(robot: Robot, parameters: Array, length: float) -> Array:
@@ -117,7 +112,7 @@ def _real_twin(robot: Robot, parameters: Array, length: float) -> Array:
         values = parameters.copy()
         values[inertial] += offset
         links = _links(in_joint_frames(with_parameters(robot, values)))
-        return np.array([_scaled(link, length) for link in links])
+        return np.array([in_lengths(link, length) for link in links])
 
     start = links_at(np.zeros(len(inertial)))
     steps = np.stack([(links_at(column) - start).ravel() for column in free.T], axis=1)

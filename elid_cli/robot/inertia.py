@@ -8,18 +8,43 @@ identification", 2018). Parameters are in the order of `robot.LINK_PARAMETERS`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.robot.parameter import LINK_PARAMETERS
 
 ROUNDING = 1e-9
 """Relative error of moments of inertia that were computed from sums of others."""
 
 
+def ten_of(values: Mapping[str, float]) -> Array:
+    """Return the ten parameters of a body, shape (10,), of a joint's parameters by name; 0 for what is unknown."""
+    return np.array([values.get(name, 0.0) for name in LINK_PARAMETERS])
+
+
+def symmetric(six: Iterable[float]) -> Array:
+    """Return the 3x3 tensor of xx, yy, zz, xy, xz, yz."""
+    xx, yy, zz, xy, xz, yz = map(float, six)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def six_of(tensor: Array) -> Array:
+    """Return xx, yy, zz, xy, xz, yz of a 3x3 tensor, shape (6,)."""
+    return np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+
+
+def in_lengths(matrix: Array, length: float) -> Array:
+    """Return a 4x4 pseudo-inertia with lengths in units of `length`, m: masses and inertias are then comparable."""
+    weights = np.array([1 / length, 1 / length, 1 / length, 1.0])
+    return np.asarray(matrix * np.outer(weights, weights))
+
+
 def pseudo_inertia(parameters: Array) -> Array:
     """Return the 4x4 pseudo-inertia of ten parameters (m, c, I about the origin), shape (10,)."""
-    m, cx, cy, cz, xx, yy, zz, xy, xz, yz = (float(value) for value in parameters)
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    m, cx, cy, cz, *six = (float(value) for value in parameters)
+    tensor = symmetric(six)
     matrix = np.empty((4, 4))
     matrix[:3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor
     matrix[:3, 3] = matrix[3, :3] = (cx, cy, cz)
@@ -31,8 +56,7 @@ def inertial_parameters(matrix: Array) -> Array:
     """Return the ten parameters, shape (10,), of a 4x4 pseudo-inertia."""
     second = matrix[:3, :3]
     tensor = np.trace(second) * np.eye(3) - second
-    xy, xz, yz = tensor[0, 1], tensor[0, 2], tensor[1, 2]
-    return np.array([matrix[3, 3], *matrix[:3, 3], *np.diag(tensor), xy, xz, yz])
+    return np.array([matrix[3, 3], *matrix[:3, 3], *six_of(tensor)])
 
 
 def moved(matrix: Array, transform: Array) -> Array:
@@ -57,9 +81,9 @@ def about_centre(parameters: Array) -> tuple[float, Array, Array]:
     if mass == 0:
         if np.any(first != 0):
             raise ValueError("a first moment but no mass")
-        return 0.0, np.zeros(3), _tensor(parameters)
+        return 0.0, np.zeros(3), symmetric(parameters[4:])
     centre = first / mass
-    return mass, centre, _tensor(parameters) - mass * _steiner(centre)
+    return mass, centre, symmetric(parameters[4:]) - mass * _steiner(centre)
 
 
 def real_tensor(tensor: Array) -> bool:
@@ -71,14 +95,8 @@ def real_tensor(tensor: Array) -> bool:
 def about_origin(mass: float, centre: Array, tensor: Array) -> Array:
     """Return the ten parameters about the origin of a mass, its centre (3,) and its tensor about that (3, 3)."""
     moment = tensor + mass * _steiner(centre)
-    xy, xz, yz = moment[0, 1], moment[0, 2], moment[1, 2]
-    return np.array([mass, *(mass * centre), *np.diag(moment), xy, xz, yz])
+    return np.array([mass, *(mass * centre), *six_of(moment)])
 
 
 def _steiner(r: Array) -> Array:
     return np.asarray(r @ r * np.eye(3) - np.outer(r, r))
-
-
-def _tensor(parameters: Array) -> Array:
-    xx, yy, zz, xy, xz, yz = (float(value) for value in parameters[4:])
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -10,7 +10,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, UsageError, did_you_mean
 from elid_cli.robot.frames import rotation_z, rpy_of, translation, z_to
-from elid_cli.robot.inertia import inertial_parameters, moved, pseudo_inertia
+from elid_cli.robot.inertia import inertial_parameters, moved, pseudo_inertia, ten_of
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import BASE, Joint, Robot
 
@@ -112,7 +112,7 @@ def beyond_limits(robot: Robot, values: Mapping[str, float]) -> list[str]:
 def _body(joint: Joint) -> Array | None:
     if "m" not in joint.parameters:
         return None
-    return pseudo_inertia(np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS]))
+    return pseudo_inertia(ten_of(joint.parameters))
 
 
 def motion(joint: Joint, value: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.robot.inertia import inertial_parameters, pseudo_inertia
+from elid_cli.robot.inertia import in_lengths, inertial_parameters, pseudo_inertia
 
 INSIDE = 1e-4
 """Least second moments of the body, in parts of its mass times its size squared."""
@@ -17,7 +17,7 @@ def is_body(parameters: Array) -> bool:
     """Whether ten parameters (10,) are those of a body with mass: its pseudo-inertia has no negative eigenvalue."""
     if not parameters[0] > 0:
         return False
-    matrix = _scaled(pseudo_inertia(parameters), _size(parameters))
+    matrix = in_lengths(pseudo_inertia(parameters), _size(parameters))
     return bool(np.linalg.eigvalsh(matrix)[0] >= 0.0)
 
 
@@ -56,9 +56,9 @@ def nearest_body(parameters: Array, felt: Array) -> Array:
         factor[:3, 3] = entries[:3]
         factor[:3, :3][upper] = entries[3:]
         matrix = factor @ factor.T + INSIDE * np.diag([1.0, 1.0, 1.0, 0.0])
-        return mass * inertial_parameters(_scaled(matrix, 1 / size))
+        return mass * inertial_parameters(in_lengths(matrix, 1 / size))
 
-    scaled = _scaled(pseudo_inertia(parameters), size) / mass
+    scaled = in_lengths(pseudo_inertia(parameters), size) / mass
     centre = scaled[:3, 3]
     values, vectors = np.linalg.eigh(scaled[:3, :3] - np.outer(centre, centre))
     # U U' with U upper is Cholesky's with the axes in the opposite order
@@ -75,8 +75,3 @@ def _size(parameters: Array) -> float:
     mass = float(parameters[0])
     spread = np.abs(parameters[4:7]).max() / mass
     return float(np.sqrt(max(spread, np.sum(parameters[1:4] ** 2) / mass**2, 1e-12)))
-
-
-def _scaled(matrix: Array, length: float) -> Array:
-    weights = np.array([1 / length, 1 / length, 1 / length, 1.0])
-    return np.asarray(matrix * np.outer(weights, weights))

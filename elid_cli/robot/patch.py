@@ -18,11 +18,10 @@ from elid_cli.errors import RobotError
 from elid_cli.files import LARGEST, read_text
 from elid_cli.robot.files import robot_from_text
 from elid_cli.robot.fixed_bodies import fixed_to, joined
-from elid_cli.robot.inertia import pseudo_inertia, real_tensor
+from elid_cli.robot.inertia import pseudo_inertia, real_tensor, ten_of
 from elid_cli.robot.locking import locked
 from elid_cli.robot.mjcf.patch import patch_mjcf
 from elid_cli.robot.mjcf.places import name_from
-from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.patch_values import SAME, Change, Changes, named, near, other
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
@@ -92,7 +91,7 @@ def _change(old: Joint, new: Joint) -> Array | None:
 
 def _whole(joint: Joint) -> Array:
     """Return the 4x4 pseudo-inertia of all that a joint carries up to the next, in its frame."""
-    return pseudo_inertia(np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS]))
+    return pseudo_inertia(ten_of(joint.parameters))
 
 
 def _other_limit(old: Joint, new: Joint) -> float | None:

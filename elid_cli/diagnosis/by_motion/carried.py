@@ -25,6 +25,7 @@ from elid_cli.model.base_parameters import leftmost
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.bodies import NEW, body_columns, end_bodies
 from elid_cli.model.linearised import Linearised
+from elid_cli.robot.inertia import ten_of
 from elid_cli.robot.nearest_body import is_body, nearest_body
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Robot
@@ -103,8 +104,7 @@ class Carried(Change):
         One whose body was none before, and one of no mass that is left, stays.
         """
         last = robot.joints[self.body]
-        own, was = (np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS])
-                    for joint in (last, level.joints[self.body]))  # fmt: skip
+        own, was = ten_of(last.parameters), ten_of(level.joints[self.body].parameters)
         if not own[0] > 0 or not is_body(was):
             return robot
         real = dict(zip(LINK_PARAMETERS, nearest_body(own, _of_body(robot, self.body)).tolist(), strict=True))

@@ -10,9 +10,9 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import LARGEST, read_text
-from elid_cli.robot.inertia import about_origin, moved, pseudo_inertia
+from elid_cli.robot.inertia import about_origin, moved, pseudo_inertia, symmetric
 from elid_cli.robot.mjcf.attributes import Conventions
-from elid_cli.robot.urdf.xml import Element, parse_xml
+from elid_cli.robot.urdf.xml import Element, parse_xml, unit_axis
 
 DEEPEST_INCLUDE = 10
 SOFTEST = 1e-9
@@ -28,19 +28,13 @@ def stiffness_and_rest(spring: Mapping[str, float]) -> tuple[float, float]:
 
 def axis_of(element: Element) -> tuple[float, float, float]:
     """Return a joint's unit axis in its body's frame."""
-    axis = np.array(element.numbers("axis", (0.0, 0.0, 1.0)))
-    length = float(np.linalg.norm(axis))
-    if length < 1e-9:
-        raise element.error("axis 0 0 0")
-    x, y, z = (axis if abs(length - 1) < 1e-14 else axis / length).tolist()
-    return x, y, z
+    return unit_axis(element, element.numbers("axis", (0.0, 0.0, 1.0)))
 
 
 def inertial_of(inertial: Element, conventions: Conventions) -> Array:
     """Return the 4x4 pseudo-inertia of an ``<inertial>`` in its body's frame."""
     if "fullinertia" in inertial.attributes:
-        xx, yy, zz, xy, xz, yz = inertial.numbers("fullinertia", (0.0,) * 6)
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        tensor = symmetric(inertial.numbers("fullinertia", (0.0,) * 6))
     else:
         tensor = np.diag(inertial.numbers("diaginertia", (0.0, 0.0, 0.0)))
     own = pseudo_inertia(about_origin(inertial.number("mass", 0.0), np.zeros(3), tensor))

@@ -12,7 +12,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.robot.fixed_bodies import joined
 from elid_cli.robot.frames import translation
-from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
+from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia, six_of
 from elid_cli.robot.locking import motion
 from elid_cli.robot.mjcf.drives import without_limits_below
 from elid_cli.robot.mjcf.elements import axis_of, stiffness_and_rest
@@ -220,8 +220,7 @@ def _add_to_body(
 
 
 def _write_inertial(edit: XmlEdit, body: Element, mass: float, centre: Array, tensor: Array) -> None:
-    order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
-    full = f'mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"'
+    full = f'mass="{xml_number(mass)}" fullinertia="{xml_numbers(six_of(tensor))}"'
     _set_inertial(edit, body, f'<inertial pos="{xml_numbers(centre)}" {full}/>')
 
 

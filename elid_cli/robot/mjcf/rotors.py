@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.robot.inertia import inertial_parameters, moved
+from elid_cli.robot.inertia import inertial_parameters, moved, symmetric
 from elid_cli.robot.mjcf.attributes import MAIN, Conventions, about
 from elid_cli.robot.mjcf.elements import axis_of, first_number
 from elid_cli.robot.mjcf.moving import MovingJoint
@@ -225,9 +225,8 @@ def _is_balanced(body: Array, element: Element) -> bool:
 
 def _about_axis(body: Array, element: Element) -> float:
     """Return the inertia about a joint's axis, kg·m², of a 4x4 pseudo-inertia in its frame."""
-    _, _, _, _, xx, yy, zz, xy, xz, yz = inertial_parameters(body)
     axis = np.array(axis_of(element))
-    return float(axis @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axis)
+    return float(axis @ symmetric(inertial_parameters(body)[4:]) @ axis)
 
 
 def own_motor(element: Element) -> dict[str, float]:

@@ -20,12 +20,12 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean, nearest
 from elid_cli.robot.frames import rotation_rpy, rpy_of, translation
-from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
+from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia, symmetric
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import BASE, MOST_READ, Joint, Limits, Robot
 from elid_cli.robot.urdf.gears import Gears, default_axis, gears_of, written_as_dh
 from elid_cli.robot.urdf.write import UNLIMITED
-from elid_cli.robot.urdf.xml import Element, parse_xml
+from elid_cli.robot.urdf.xml import Element, parse_xml, unit_axis
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _HELD = ("floating", "planar")
@@ -192,12 +192,7 @@ def _joint(item: _Moving, gears: Gears) -> Joint:
     element, origin, body = item.element, item.origin, item.body
     kind = _type(element)
     axis_element = element.one("axis")
-    axis = np.array(axis_element.numbers("xyz", (1.0, 0.0, 0.0)) if axis_element else (1.0, 0.0, 0.0))
-    length = float(np.linalg.norm(axis))
-    if length < 1e-9:
-        raise element.error("axis 0 0 0")
-    if abs(length - 1) > 1e-14:
-        axis = axis / length
+    axis = unit_axis(element, axis_element.numbers("xyz", (1.0, 0.0, 0.0)) if axis_element else (1.0, 0.0, 0.0))
     parameters: dict[str, float] = {}
     if body is not None:
         parameters |= zip(LINK_PARAMETERS, map(float, inertial_parameters(body)), strict=True)
@@ -214,13 +209,13 @@ def _joint(item: _Moving, gears: Gears) -> Joint:
         parent=item.parent,
         type="prismatic" if kind == "prismatic" else "revolute",
         gear_ratio=gears.gear_ratio,
-        motor_axis=gears.motor_axis or default_axis(origin, axis),
+        motor_axis=gears.motor_axis or default_axis(origin, np.array(axis)),
         transmission=gears.transmission,
         parameters=parameters | gears.parameters,
         limits=_limits(element, kind, gears.acceleration),
         xyz=(x, y, z),
         rpy=raw[1] if straight else rpy_of(origin),
-        axis=(float(axis[0]), float(axis[1]), float(axis[2])),
+        axis=axis,
     )
 
 
@@ -248,8 +243,7 @@ def link_inertia(link: Element) -> Array | None:
     value = mass.number("value", 0.0) if mass is not None else 0.0
     tensor = np.zeros((3, 3))
     if inertia is not None:
-        xx, yy, zz, xy, xz, yz = (inertia.number(key, 0.0) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        tensor = symmetric(inertia.number(key, 0.0) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     pose = _origin(inertial)
     turned = pose[:3, :3] @ tensor @ pose[:3, :3].T
     return pseudo_inertia(about_origin(value, pose[:3, 3], turned))

@@ -16,7 +16,15 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.robot.frames import rpy_of
-from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia, real_tensor
+from elid_cli.robot.inertia import (
+    about_centre,
+    about_origin,
+    inertial_parameters,
+    moved,
+    pseudo_inertia,
+    real_tensor,
+    ten_of,
+)
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
@@ -93,7 +101,7 @@ def in_joint_frames(robot: Robot) -> Robot:
             after = np.eye(4)
         values = dict(joint.parameters)
         if "m" in values:
-            given = np.array([values.get(name, 0.0) for name in LINK_PARAMETERS])
+            given = ten_of(values)
             there = (
                 given if np.array_equal(after, np.eye(4)) else inertial_parameters(moved(pseudo_inertia(given), after))
             )
@@ -126,7 +134,7 @@ def link_names(robot: Robot) -> list[str]:
 def _link(joint: Joint, name: str) -> list[str]:
     if "m" not in joint.parameters:
         return [f"  <link name={quoted(name)}/>"]
-    given = np.array([joint.parameters[key] for key in LINK_PARAMETERS])
+    given = ten_of(joint.parameters)
     try:
         mass, centre, tensor = about_centre(given)
         faithful = np.abs(about_origin(mass, centre, tensor) - given).max() <= FAITHFUL * max(
@@ -140,8 +148,7 @@ def _link(joint: Joint, name: str) -> list[str]:
             detail="a link of a URDF is its mass at its centre of mass",
             hint="full physical parameters first: elid identify … --physical",
         )
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
-    inertia = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (xx, xy, xz, yy, yz, zz), strict=True)
+    inertia = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), tensor[np.triu_indices(3)], strict=True)
     return [
         f"  <link name={quoted(name)}>",
         "    <inertial>",
@@ -156,7 +163,7 @@ def _link(joint: Joint, name: str) -> list[str]:
 def _unreal(joint: Joint) -> bool:
     if "m" not in joint.parameters:
         return False
-    mass, _, tensor = about_centre(np.array([joint.parameters[key] for key in LINK_PARAMETERS]))
+    mass, _, tensor = about_centre(ten_of(joint.parameters))
     return mass > 0 and not real_tensor(tensor)
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
+import numpy as np
+
 from elid_cli.errors import RobotError
 from elid_cli.robot.expressions import LARGEST
 
@@ -97,6 +99,16 @@ class Element:
         if self.tag != "limit" and any(abs(value) > LARGEST for value in values):  # which 1e38 means there is none
             raise self.error(f"{what}={text!r} is no quantity of a robot: more than {LARGEST:g}")
         return values
+
+
+def unit_axis(joint: Element, direction: tuple[float, ...]) -> tuple[float, float, float]:
+    """Return a joint's unit axis, as it is written where its length is 1; one of no length is refused (RobotError)."""
+    axis = np.array(direction)
+    length = float(np.linalg.norm(axis))
+    if length < 1e-9:
+        raise joint.error("axis 0 0 0")
+    x, y, z = (axis if abs(length - 1) < 1e-14 else axis / length).tolist()
+    return x, y, z
 
 
 def parse_xml(text: str, file: str) -> Element:
