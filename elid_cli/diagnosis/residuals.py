@@ -213,15 +213,13 @@ def _near_standstill(state: State, joint: int) -> NDArray[np.bool_]:
     """Return the instants whose period of the filter's cut-off touches a standstill of a joint's motor, (M,)."""
     known = state.log.observation.known[joint]
     reach = int(np.ceil(0.5 * state.log.signals.rate / state.log.signals.filter.cutoff))
-    near: NDArray[np.bool_] = np.convolve(standing(state, joint, known), np.ones(2 * reach + 1), mode="same") > 0.5
-    return near
+    return np.asarray(np.convolve(standing(state, joint, known), np.ones(2 * reach + 1), mode="same") > 0.5)
 
 
 def standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the instants at which a motor is near standstill, (M,); none where no instant is of use."""
     speed = np.abs(state.log.signals.motion.dtheta[state.log.signals.outputs, joint])
-    slow: NDArray[np.bool_] = speed < (STANDSTILL * float(np.quantile(speed[use], 0.98)) if use.any() else 0.0)
-    return slow
+    return np.asarray(speed < (STANDSTILL * float(np.quantile(speed[use], 0.98)) if use.any() else 0.0))
 
 
 def _reversals(state: State, joint: int, residual: Array, use: NDArray[np.bool_]) -> Organised:

@@ -183,8 +183,7 @@ class Solved:
     def deviations(self, covariance: Array) -> Array:
         """Return the standard errors of the base parameters, (b,), from the covariance of the basis, (r, r)."""
         own = self.transform[:, self.solution.basis]
-        found: Array = np.sqrt(np.maximum(np.diag(own @ covariance @ own.T), 0.0))
-        return found
+        return np.asarray(np.sqrt(np.maximum(np.diag(own @ covariance @ own.T), 0.0)))
 
     @property
     def first_amplitude(self) -> int:

@@ -143,5 +143,4 @@ def joined_facts(facts: Sequence[SignalFacts]) -> SignalFacts:
 
 
 def _mean_square(values: Sequence[Array], weights: Sequence[int]) -> Array:
-    mean: Array = np.sqrt(np.average(np.square(values), axis=0, weights=weights))
-    return mean
+    return np.asarray(np.sqrt(np.average(np.square(values), axis=0, weights=weights)))

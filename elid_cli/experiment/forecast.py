@@ -55,8 +55,7 @@ def forecast(information: Information, base: BaseParameters, states: States, res
     rows, noise = _weighted(seen, base, residual)
     taps = signals.filter.taps / signals.filter.taps.sum()
     repeats = max(seen.rate / (float(np.sum(taps**2)) / signals.dt), 1.0)  # instants per independent sample
-    expected: Array = _spread(rows, noise, base) * np.sqrt(repeats)
-    return expected
+    return np.asarray(_spread(rows, noise, base) * np.sqrt(repeats))
 
 
 def _played(information: Information, robot: Robot, states: States) -> Recording:

@@ -61,8 +61,7 @@ def moved_inertias(robot: Robot) -> Array:
 
     rest = torque(still)
     unit = np.eye(robot.n)
-    moved: Array = np.array([np.mean(torque(still + unit[k])[:, k] - rest[:, k]) for k in range(robot.n)])
-    return moved
+    return np.asarray(np.array([np.mean(torque(still + unit[k])[:, k] - rest[:, k]) for k in range(robot.n)]))
 
 
 def expected_antiresonance(robot: Robot, joint: int) -> float:

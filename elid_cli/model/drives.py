@@ -60,8 +60,7 @@ def lost_to_holding(period: float, gain: Array) -> Array:
     To first order: the torque is half a period late on average. Of a gain kp, N·m/rad, that takes as much viscous
     friction from the joint, N·m·s/rad; of kd, N·m·s/rad, as much inertia, kg·m². Of any shape.
     """
-    found: Array = 0.5 * period * gain
-    return found
+    return np.asarray(0.5 * period * gain)
 
 
 def filter_weights(smoothing: Array, h: float) -> tuple[Array, Array, Array, Array]:

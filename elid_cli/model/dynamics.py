@@ -310,8 +310,7 @@ def _known(model: Regressor, parameters: Array) -> Array:
     """Return the parameters with 0 for unknown ones that move nothing; raise where one matters."""
     if missing := unknown_parameters(model, parameters):
         raise _unknown(model.robot, missing)
-    known: Array = np.nan_to_num(np.array(parameters, dtype=float))
-    return known
+    return np.asarray(np.nan_to_num(np.array(parameters, dtype=float)))
 
 
 def unknown_parameters(model: Regressor, parameters: Array) -> list[StandardParameter]:

@@ -181,8 +181,7 @@ def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joi
         return np.zeros((1, 1, 1, *owner.shape)) if values is None else values[..., taken]
 
     def of_motors(values: Array) -> Array:
-        found: Array = np.where(held, values[:, owner], 0.0)[:, None]
-        return found
+        return np.asarray(np.where(held, values[:, owner], 0.0)[:, None])
 
     own = map(of_motors, (joints.inertia, joints.coulomb, joints.viscous, joints.offset))
     inertia, coulomb, viscous, offset = own

@@ -177,10 +177,8 @@ def _faded(v: Array, free: Array, give: Array, bound: Array, width: Array, ahead
 def _faded_at_once(v: Array, free: Array, give: Array, bound: Array, width: Array, ahead: Array) -> Array:
     """Return the impulse of friction that fades in over a step of Euler's: of the velocity at its start."""
     steep = bound / width
-    found: Array = np.clip(steep * (v + ahead * (free - v)) / (1.0 + steep * ahead * give), -bound, bound)
-    return found
+    return np.asarray(np.clip(steep * (v + ahead * (free - v)) / (1.0 + steep * ahead * give), -bound, bound))
 
 
 def _times(matrix: Array, vector: Array) -> Array:
-    product: Array = (matrix @ vector[..., None])[..., 0]
-    return product
+    return np.asarray((matrix @ vector[..., None])[..., 0])

@@ -157,8 +157,7 @@ def _least(score: Callable[[int, NDArray[np.bool_]], Array], candidates: Sequenc
         asked = np.abs(first - row) == 1
         if asked.any():
             scores[row, asked] = score(candidates[row], asked)[asked]
-    best: NDArray[np.intp] = np.argmin(scores, axis=0)
-    return best
+    return np.asarray(np.argmin(scores, axis=0))
 
 
 def _of_equal_length(segments: Sequence[Segment], *, together: bool) -> Iterator[tuple[int, list[slice]]]:
@@ -185,8 +184,7 @@ def _fused_score(part: Array, rates: Sequence[tuple[Rate, Array]], noise: Array,
     squares = fit.squares.copy()
     for rate, values in rates:
         squares += rate.ratio**2 * np.nansum((values - fit.spline.evaluate(rate.derivative)) ** 2, axis=1)
-    score: Array = squares / np.maximum(noise, 1e-300) ** 2 + 2.0 * fit.freedom
-    return score
+    return np.asarray(squares / np.maximum(noise, 1e-300) ** 2 + 2.0 * fit.freedom)
 
 
 def _rates(

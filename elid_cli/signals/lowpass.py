@@ -84,8 +84,7 @@ class LowPass:
         if count == 0:
             return np.zeros((*shape, 0))
         if len(self.taps) == 1:
-            picked: Array = rows[..., centres] * self.taps[0]
-            return picked
+            return np.asarray(rows[..., centres] * self.taps[0])
         flat = rows.reshape(-1, rows.shape[-1])
         begin = int(centres[0]) - self.half
         result = self._filtered(flat, begin, count)

@@ -170,8 +170,7 @@ class SplineMotion(Motion):
     def speeds(self, part: slice) -> Array:
         """Return velocities of motors over some samples, (n, m)."""
         start, stop, _ = part.indices(self.samples)
-        speeds: Array = self.evaluated(start, stop, 2, first=1, sides=("motor",))[0, 0]
-        return speeds
+        return np.asarray(self.evaluated(start, stop, 2, first=1, sides=("motor",))[0, 0])
 
     def evaluated(
         self,

@@ -45,8 +45,7 @@ def stationary(low: Array, high: Array, noise: tuple[Array, Array]) -> NDArray[n
     span = np.nan_to_num(high - low)
     scale = np.nan_to_num(np.fmax(np.abs(low), np.abs(high)))
     least = np.fmax(np.fmax(STILL * np.stack(noise), 1e-9 * scale), 1e-12)
-    still: NDArray[np.bool_] = np.any(span <= least, axis=0)
-    return still
+    return np.asarray(np.any(span <= least, axis=0))
 
 
 def constant(raw: Array, segments: Sequence[Segment]) -> NDArray[np.bool_]:
@@ -108,5 +107,4 @@ def top_speed(motion: Motion, segments: Sequence[Segment], dt: float) -> Array:
         speeds = np.concatenate([motion.speeds(part) for part in parts], axis=1)
     else:
         speeds = np.concatenate([motion[part].dtheta for part in parts]).T
-    top: Array = np.quantile(np.abs(speeds, out=speeds), 0.95, axis=1)
-    return top
+    return np.asarray(np.quantile(np.abs(speeds, out=speeds), 0.95, axis=1))

@@ -52,5 +52,4 @@ def _differences(position: Array) -> Array:
     first = squares[count - 1 - lag]  # of the instants that have one a lag later
     last = total - np.where(lag[:, None] > 0, squares[lag - 1], 0.0)
     mean = np.maximum(first + last - 2.0 * products, 0.0) / (count - lag)[:, None]
-    found: Array = np.sqrt(mean).max(axis=1)
-    return found
+    return np.asarray(np.sqrt(mean).max(axis=1))

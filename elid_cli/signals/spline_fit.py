@@ -50,8 +50,7 @@ class SplineFit:
         """Residual rms per channel, corrected for the coefficients spent, (channels,)."""
         spent = self.freedom if self.own is None else self.freedom * self.own
         spare = np.maximum(self.counted - spent, 1)
-        rms: Array = np.sqrt(self.squares / spare)
-        return rms
+        return np.asarray(np.sqrt(self.squares / spare))
 
     @property
     def aicc(self) -> Array:
@@ -149,8 +148,7 @@ def _own_part(rates: Sequence[tuple[int, Array]], width: float) -> Array:
     """
     omega = (np.arange(256) + 0.5) / 256 * np.pi / width
     brought = 1.0 + sum((ratio[:, None] * omega**order) ** 2 for order, ratio in rates)
-    part: Array = np.mean(1.0 / brought, axis=1)
-    return part
+    return np.asarray(np.mean(1.0 / brought, axis=1))
 
 
 def _merged(first: NDArray[np.bool_], one: SplineFit, other: SplineFit) -> SplineFit:

@@ -46,8 +46,7 @@ def basis(u: Array, derivative: int = 0) -> Array:
     for k in range(derivative, ORDER):
         factor = float(np.prod(np.arange(k - derivative + 1, k + 1)))
         powers[:, k] = factor * u ** (k - derivative)
-    weights: Array = powers @ _polynomials().T
-    return weights
+    return np.asarray(powers @ _polynomials().T)
 
 
 @lru_cache(maxsize=64)
@@ -112,8 +111,7 @@ class UniformSpline:
         interval = np.clip(np.floor(position).astype(np.intp), 0, intervals - 1)
         weights = basis(position - interval, derivative) / width**derivative
         parts = np.stack([self.coefficients[:, interval + k] * weights[:, k] for k in range(ORDER)])
-        moved: Array = parts.sum(axis=0)
-        return moved
+        return np.asarray(parts.sum(axis=0))
 
     def between(self, start: int, stop: int, derivatives: int = 3, step: int = 1, first: int = 0) -> Array:
         """Return values and derivatives at samples start, start + step… before stop.

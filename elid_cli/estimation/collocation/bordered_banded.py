@@ -138,8 +138,7 @@ class EliminatedTrajectory:
 
     def _back(self, number: int, series: Array) -> Array:
         """Return L^-T of series of a piece, (knots * C, columns)."""
-        found: Array = lapack().dtbtrs(self.factors[number], series, uplo="L", trans="T")[0]
-        return found
+        return np.asarray(lapack().dtbtrs(self.factors[number], series, uplo="L", trans="T")[0])
 
     def move(self, now: Iterate, longest: float) -> Iterate:
         """Return the move to the least of the quadratic with no shape z moved by more than `longest`.
@@ -230,8 +229,7 @@ def variance_apart(fine: Sequence[Array], coarse: Sequence[Array], rows: int) ->
     stretch = np.repeat(np.arange(len(apart)), [len(part) for part in apart])
     whole = np.concatenate(apart)
     scale = np.maximum(np.sqrt(np.mean(whole**2, axis=0)), 1e-300)
-    variance: Array = np.diag(long_run(whole / scale, stretch, rows, _TAKEN)) * scale**2
-    return variance
+    return np.asarray(np.diag(long_run(whole / scale, stretch, rows, _TAKEN)) * scale**2)
 
 
 def driven(problem: Problem) -> int:
@@ -242,8 +240,7 @@ def driven(problem: Problem) -> int:
 def _inverse(matrix: Array) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = np.linalg.pinv(matrix * scale[:, None] * scale[None], rcond=1e-13, hermitian=True)
-    inverse: Array = scaled * scale[:, None] * scale[None]
-    return inverse
+    return np.asarray(scaled * scale[:, None] * scale[None])
 
 
 def _sandwich(

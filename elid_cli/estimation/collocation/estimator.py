@@ -99,8 +99,7 @@ def _along_inertias(fit: DefaultFit) -> Array:
     basis = [int(column) for column in fit.solution.basis]
     places = [basis.index(fit.model.index[name]) for name in names if fit.model.index[name] in basis]
     along = fit.covariance[:, places]
-    found: Array = along @ np.linalg.pinv(along[places], hermitian=True) @ along.T
-    return found
+    return np.asarray(along @ np.linalg.pinv(along[places], hermitian=True) @ along.T)
 
 
 def _collapsed(fit: DefaultFit, values: Array) -> str:

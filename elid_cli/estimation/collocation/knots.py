@@ -143,8 +143,7 @@ def _agree(one: Setup, this: Outcome, other: Setup, that: Outcome) -> bool:
 def _beyond_noise(one: Setup, this: Outcome, other: Setup, that: Outcome) -> Array:
     """Return what noise does not explain of one answer minus another, (p + e,)."""
     apart, noise = _apart(one, this, other, that)
-    beyond: Array = np.sign(apart) * np.sqrt(np.maximum(apart**2 - noise, 0.0))
-    return beyond
+    return np.asarray(np.sign(apart) * np.sqrt(np.maximum(apart**2 - noise, 0.0)))
 
 
 def _worth_it(fine: Setup, start: Iterate, outcome: Outcome) -> bool:

@@ -178,8 +178,7 @@ class Problem:
         return list(self._trust)
 
     def _mask(self, number: int) -> Array:
-        mask: Array = self.pieces[number].mask.reshape(len(self.rho), -1) * self._trust[number]
-        return mask
+        return np.asarray(self.pieces[number].mask.reshape(len(self.rho), -1) * self._trust[number])
 
     def cost(self, now: Iterate) -> float:
         """Return the Huber cost."""
@@ -224,8 +223,7 @@ class Problem:
         """Return measured minus fitted positions over their noise, (channels, intervals, stride)."""
         fitted = _windows(coefficients) @ self.samples.T
         fitted = fitted.reshape(-1, coefficients.shape[1], len(self.samples)).swapaxes(0, 1)
-        misfit: Array = np.where(piece.weight > 0, piece.measured - fitted, 0.0) * piece.weight
-        return misfit
+        return np.asarray(np.where(piece.weight > 0, piece.measured - fitted, 0.0) * piece.weight)
 
     def _whole(self, number: int, coefficients: Array) -> States:
         """Return the states of a whole piece, the same object for the same coefficients as long as it is kept."""
@@ -238,8 +236,7 @@ class Problem:
     def _residual(self, number: int, now: Iterate) -> Array:
         piece = self.pieces[number]
         states = self._whole(number, now.coefficients[number])
-        residual: Array = self.equations.residual(states, now.p, now.z) - piece.torque.reshape(len(self.rho), -1)
-        return residual
+        return np.asarray(self.equations.residual(states, now.p, now.z) - piece.torque.reshape(len(self.rho), -1))
 
     def parts(self, piece: CollocationSegment) -> list[slice]:
         """Return the stretches of knot intervals that are linearised at a time."""

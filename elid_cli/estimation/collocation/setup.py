@@ -84,8 +84,7 @@ def _slopes(width: int) -> Array:
     powers = (at / scale)[:, None] ** np.arange(4)
     slope = np.zeros_like(powers)
     slope[:, 1:] = np.arange(1, 4) * powers[:, :3] / scale
-    found: Array = slope @ np.linalg.pinv(powers)
-    return found
+    return np.asarray(slope @ np.linalg.pinv(powers))
 
 
 def signal_to_noise(signals: Signals, model: Regressor) -> float:
@@ -263,8 +262,7 @@ class Setup:
             noise *= (LOOSE_LINK if self._loose else 0.0) if row.kind == "link" else followed
             own = max(MODEL_ERROR * size, share * self._spring_noise(row.joint)) * (LOOSE if self._loose else 1.0)
             rho.append(np.hypot(own, noise))
-        floor: Array = np.maximum(np.array(rho), 1e-9)
-        return floor
+        return np.asarray(np.maximum(np.array(rho), 1e-9))
 
     def torque_share(self) -> float:
         """Return how much of the equations' assumed variance is noise of the torques, 0 to 1, on average."""

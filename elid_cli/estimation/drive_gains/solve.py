@@ -136,8 +136,7 @@ class _Problem:
     def _loaded(self, solution: Array, loaded: int) -> Array:
         """Return the base parameters without (0) or with (1) the payload."""
         payload = self.known + self.unknown @ solution[self.base : self.base + self.unknown.shape[1]]
-        whole: Array = solution[: self.base] + loaded * payload
-        return whole
+        return np.asarray(solution[: self.base] + loaded * payload)
 
     def start(self) -> Array:
         """Return unknowns from the linear problem in which gains multiply the torque, its rows weighted by and by."""
@@ -261,5 +260,4 @@ def _least_squares(columns: Array, target: Array, damping: float = 0.0) -> Array
     left, sizes, right = np.linalg.svd(columns / scale, full_matrices=False)
     kept = sizes > UNSEEN * sizes[0]
     inverse = np.where(kept, sizes / np.where(kept, sizes**2 + damping * sizes[0] ** 2, 1.0), 0.0)
-    found: Array = right.T @ (inverse * (left.T @ target)) / scale
-    return found
+    return np.asarray(right.T @ (inverse * (left.T @ target)) / scale)

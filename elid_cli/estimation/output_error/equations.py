@@ -83,8 +83,7 @@ class MotionEquations:
 
     def torque(self, x: Array, v: Array, a: Array, values: Array) -> Array:
         """Return the torque that base parameters (B,) need but Coulomb friction's, (N, m)."""
-        found: Array = self.columns(x, v, a) @ values
-        return found
+        return np.asarray(self.columns(x, v, a) @ values)
 
     def about(self, x: Array, v: Array, a: Array, values: Array) -> Along:
         """Return the equations with base parameters (B,) about positions, velocities, accelerations (N, m)."""

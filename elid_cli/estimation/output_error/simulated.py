@@ -70,14 +70,12 @@ class Simulated:
     @property
     def costs(self) -> Array:
         """Weighted squared error of every window, (S,)."""
-        found: Array = self.gram[:, :, -1, -1].sum(axis=1)
-        return found
+        return np.asarray(self.gram[:, :, -1, -1].sum(axis=1))
 
     @property
     def rms(self) -> Array:
         """Rms error of every coordinate, rad (m), (m,)."""
-        found: Array = np.sqrt(self.squares.sum(axis=0) / np.maximum(self.counts.sum(axis=0), 1.0))
-        return found
+        return np.asarray(np.sqrt(self.squares.sum(axis=0) / np.maximum(self.counts.sum(axis=0), 1.0)))
 
     def with_windows(self, use: NDArray[np.bool_], other: Simulated) -> Simulated:
         """Return the windows with those marked in `use`, (S,), from another simulation of only these."""

@@ -183,8 +183,7 @@ class _Fit:
         factor = np.asarray(np.linalg.qr(stacked, mode="r"))
         metric = factor[:width, :width]
         centre = solve_triangular(metric, factor[:width, width])
-        solution: Array = nearest_physical(self.cones, metric, centre) * sizes
-        return solution
+        return np.asarray(nearest_physical(self.cones, metric, centre) * sizes)
 
 
 def _best(found: Identification, cones: Consistency) -> tuple[Array, dict[str, JointError]]:

@@ -57,8 +57,7 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     meat = summed(scores[place[solution.basis]], observation.segment, bandwidth)
     meat *= small_sample(observation.instants, len(meat), bandwidth, rows)
     meat *= uncertain(observation.instants, bandwidth)
-    covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
-    return covariance
+    return np.asarray(solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T)
 
 
 def _add_scores(

@@ -126,8 +126,7 @@ def _rounding(robot: Robot, signals: Signals) -> Array:
     if signals.rounded:
         return direction_widths(robot)
     slowest = np.maximum(signals.min_velocity / SHARP, SHARPEST)
-    found: Array = np.minimum(direction_widths(robot), slowest)
-    return found
+    return np.asarray(np.minimum(direction_widths(robot), slowest))
 
 
 def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:

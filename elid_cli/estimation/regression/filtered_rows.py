@@ -52,8 +52,7 @@ class FilteredBlock:
     @property
     def columns(self) -> Array:
         """All outputs of the plan's program, (outputs, last - first)."""
-        columns: Array = self.rows[self.place]
-        return columns
+        return np.asarray(self.rows[self.place])
 
 
 def thinning(signals: Signals) -> int:

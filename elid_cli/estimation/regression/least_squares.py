@@ -273,8 +273,7 @@ class _Groups:
             return None
         corner, fault = lapack().dpotrf(gram[:-1, :-1] / (norms[:, None] * norms))
         if fault == 0 and corner.diagonal().min() > FIRM:
-            solved: Array = lapack().dpotrs(corner, gram[:-1, -1] / norms)[0] / norms
-            return solved
+            return np.asarray(lapack().dpotrs(corner, gram[:-1, -1] / norms)[0] / norms)
         each = np.ones(len(self.stack))
         each[: self.equations] = np.repeat(weight, self.lengths)
         return _least_squares(self.stack * each[:, None])
@@ -288,5 +287,4 @@ def _least_squares(system: Array) -> Array | None:
     pivots = np.abs(np.diag(factor)[: len(norms)])
     if not pivots.min() > 10 * DATA_TOLERANCE:
         return None
-    solved: Array = lapack().dtrtrs(factor[:-1, :-1], factor[:-1, -1])[0] / norms
-    return solved
+    return np.asarray(lapack().dtrtrs(factor[:-1, :-1], factor[:-1, -1])[0] / norms)

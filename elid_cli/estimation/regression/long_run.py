@@ -55,8 +55,7 @@ def beyond_normal(degrees: float) -> float:
 def at_least(covariance: Array, variance: Array) -> Array:
     """Return a covariance (U, U) whose diagonal is no smaller than variances (U,), correlations kept."""
     size = np.sqrt(np.maximum(variance / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    larger: Array = covariance * np.outer(size, size)
-    return larger
+    return np.asarray(covariance * np.outer(size, size))
 
 
 NARROWEST = 8.0

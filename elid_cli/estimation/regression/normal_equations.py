@@ -13,8 +13,7 @@ from elid_cli.estimation.regression.long_run import beyond_normal
 
 def sizes(matrix: Array) -> Array:
     """Return the lengths of the columns that a Gram matrix (U, U) is of, none of them 0."""
-    found: Array = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return found
+    return np.asarray(np.sqrt(np.maximum(np.diag(matrix), 1e-300)))
 
 
 def step_of(matrix: Array, load: Array, more: Array | float, held: NDArray[np.bool_] | None = None) -> Array:
@@ -30,8 +29,7 @@ def step_of(matrix: Array, load: Array, more: Array | float, held: NDArray[np.bo
     scale = sizes(matrix)
     scaled = matrix / np.outer(scale, scale)
     scaled[np.diag_indices(len(load))] += more
-    found: Array = -np.linalg.solve(scaled, load / scale) / scale
-    return found
+    return np.asarray(-np.linalg.solve(scaled, load / scale) / scale)
 
 
 def descend(
@@ -85,5 +83,4 @@ def jackknife(left_out: Array, about: float | None = None) -> Array:
     """
     count = len(left_out)
     offset = left_out - (left_out.mean(axis=0) if about is None else about)
-    found: Array = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
-    return found
+    return np.asarray(beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset)

@@ -131,8 +131,7 @@ def of_sampling(delays: Array, deviations: Array, dt: float) -> NDArray[np.bool_
 
 def short_enough(delays: Array, deviations: Array, longest: float) -> NDArray[np.bool_]:
     """Return which delays, s, may be no longer than `longest`, by their standard deviations; those that are NaN not."""
-    short: NDArray[np.bool_] = np.abs(delays) <= longest + 2 * deviations
-    return short
+    return np.asarray(np.abs(delays) <= longest + 2 * deviations)
 
 
 def beyond_doubt(

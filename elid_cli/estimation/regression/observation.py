@@ -101,8 +101,7 @@ class Observation:
             if group.row.kind not in ("load", "spring"):  # no friction in these: reversals count
                 used[group.row.joint] |= group.use
         hidden = (self.known & ~used).sum(axis=1)
-        share: Array = hidden / np.maximum(self.known.sum(axis=1), 1)
-        return share
+        return np.asarray(hidden / np.maximum(self.known.sum(axis=1), 1))
 
     @property
     def gliding(self) -> NDArray[np.bool_]:

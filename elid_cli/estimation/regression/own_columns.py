@@ -139,8 +139,7 @@ class _Fold:
         """Return columns (d, M) after the reflections, (m, d)."""
         here = columns.take(self._use, axis=1).T
         work = _BLOCK * max(here.shape[1], _BLOCK)
-        found: Array = lapack().dormqr("L", "T", self._reflected, self._tau, here, work, overwrite_c=1)[0]
-        return found
+        return np.asarray(lapack().dormqr("L", "T", self._reflected, self._tau, here, work, overwrite_c=1)[0])
 
     def factor(self, turned: Sequence[Array]) -> Array:
         """Return the R factor with further columns, turned, before the target."""

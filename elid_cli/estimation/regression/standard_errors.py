@@ -127,5 +127,4 @@ def by_stretches(triangles: Triangles, solution: Solution) -> Array:
         share, direction = np.linalg.eigh(white.T @ white)  # of all that is known, the part that this stretch says
         steps.append(direction @ ((direction.T @ score) / np.maximum(1.0 - share, LEAST_LEFT)))
     # about the estimate of all, not their mean: a stretch that alone shows a direction moves all the others one way
-    found: Array = solution.inverse @ jackknife(np.array(steps), about=0.0) @ solution.inverse.T
-    return found
+    return np.asarray(solution.inverse @ jackknife(np.array(steps), about=0.0) @ solution.inverse.T)

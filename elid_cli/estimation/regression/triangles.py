@@ -343,5 +343,4 @@ def onto(factor: Array, system: Array) -> Array:
 
     Both are best in Fortran's order: others are copied first.
     """
-    grown: Array = lapack().dtpqrt(0, min(_PANEL, len(factor)), factor, system, overwrite_a=1, overwrite_b=1)[0]
-    return grown
+    return np.asarray(lapack().dtpqrt(0, min(_PANEL, len(factor)), factor, system, overwrite_a=1, overwrite_b=1)[0])

@@ -64,5 +64,4 @@ def _above(floor: Array, uniform: Array) -> Array:
     from scipy.special import log_ndtr, ndtri_exp
 
     tiny = np.finfo(float).tiny
-    found: Array = -ndtri_exp(np.log(np.maximum(uniform, tiny)) + log_ndtr(-floor))
-    return found
+    return np.asarray(-ndtri_exp(np.log(np.maximum(uniform, tiny)) + log_ndtr(-floor)))

@@ -98,8 +98,7 @@ def _widening(count: NDArray[np.intp]) -> Array:
     """Return how many times wider 95 % reach where a spread is that of `count` values, (b,); two as if of three."""
     from scipy.special import ndtri, stdtrit
 
-    found: Array = stdtrit(np.maximum(count - 1, 2), 0.975) / ndtri(0.975)
-    return found
+    return np.asarray(stdtrit(np.maximum(count - 1, 2), 0.975) / ndtri(0.975))
 
 
 def _within(results: Sequence[SavedDistribution], known: NDArray[np.bool_], count: NDArray[np.intp]) -> Array:
@@ -109,8 +108,7 @@ def _within(results: Sequence[SavedDistribution], known: NDArray[np.bool_], coun
     total = np.zeros_like(own[0])
     for matrix, there in zip(own, known, strict=True):
         total += matrix + np.diag(np.where(there, 0.0, variances))
-    found: Array = total / len(results)
-    return found
+    return np.asarray(total / len(results))
 
 
 def _between(estimate: Array, known: NDArray[np.bool_], mean: Array, within: Array) -> Array:
@@ -130,8 +128,7 @@ def _between(estimate: Array, known: NDArray[np.bool_], mean: Array, within: Arr
     shown = (logs - 2) / logs
     correlation = shown * unit.T @ unit
     np.fill_diagonal(correlation, 1.0)
-    found: Array = correlation * np.outer(deviation, deviation)
-    return found
+    return np.asarray(correlation * np.outer(deviation, deviation))
 
 
 def _positive(terms: Mapping[str, float]) -> bool:

@@ -68,8 +68,7 @@ class Together:
 
     def _covariance(self, wide: float) -> Array:
         meat = self.within + wide * self.between if self.disagree else self.within
-        found: Array = self.solution.inverse @ meat @ self.solution.inverse.T
-        return found
+        return np.asarray(self.solution.inverse @ meat @ self.solution.inverse.T)
 
     def pulls(self, transform: Array) -> Array:
         """Return by how much each log moves the parameters transform @ solution from where the others have them.
@@ -77,8 +76,7 @@ class Together:
         Shape (logs, b), to first order in their share of all data.
         """
         own = transform[:, self.solution.basis] @ self.solution.inverse
-        pulls: Array = self.sums @ own.T
-        return pulls
+        return np.asarray(self.sums @ own.T)
 
     def ratios(self, transform: Array) -> Array:
         """Return the variance between logs over that within for the parameters transform @ solution, (b,)."""
@@ -126,5 +124,4 @@ def _sum_of_scores(log: ReducedLog, gliding: NDArray[np.bool_], values: Array, l
         scores = (factor[:, -1] - factor[:, :-1] @ values[triangle.index]) @ factor[:, :-1]
         own[triangle.row] = own[triangle.row] + scores if triangle.row in own else scores
     raw = [own.get(row, np.zeros(len(index))) for row, index in log.layout]
-    total: Array = np.concatenate(raw) @ lift
-    return total
+    return np.asarray(np.concatenate(raw) @ lift)

@@ -132,8 +132,7 @@ class TriangleData:
         used = np.zeros(self.merged.joints, dtype=np.intp)
         for triangle in counted(self.merged, self.gliding):
             used[triangle.row.joint] += triangle.count if triangle.row.kind == "sum" else 0
-        share: Array = (self.facts.known - used) / np.maximum(self.facts.known, 1)
-        return share
+        return np.asarray((self.facts.known - used) / np.maximum(self.facts.known, 1))
 
     def counting(self, gliding: NDArray[np.bool_]) -> TriangleData:
         """Return the data with the reversals of some joints (n,) counted as well."""

@@ -142,8 +142,7 @@ def _torques(loads: Loads, plan: RegressorPlan, block: FilteredBlock) -> Array:
     slots = {item.row.joint: item.slots for item in plan.rows if item.row.kind == "sum"}
     for number, (joint, factors) in enumerate(loads.items()):
         np.add.at(weights[number], block.place[slots[joint]], factors)
-    found: Array = weights @ block.rows
-    return found
+    return np.asarray(weights @ block.rows)
 
 
 _MODELS: Recent[tuple[Robot, Regressor, BaseParameters, Array]] = Recent(4)

@@ -85,5 +85,4 @@ def pull_of(fit: Solved, columns: Sequence[ColumnNoise]) -> Array:
     pulled = turn @ np.where(lost, 0.0, held * shares / (1.0 - np.minimum(shares, MOST)))
     open_ = turn[:, lost] * (LOST * np.maximum(np.abs(held[lost]), 1.0))
     moved = np.linalg.solve(unit.T, np.column_stack([-pulled, open_])) / size[:, None]
-    found: Array = fit.transform[:, basis] @ moved
-    return found
+    return np.asarray(fit.transform[:, basis] @ moved)

@@ -150,15 +150,13 @@ def _orthonormal(columns: Array) -> Array:
     _, values, basis = np.linalg.svd(scaled, full_matrices=False)
     if not len(values):
         return np.zeros((0, columns.shape[1]))
-    found: Array = basis[values > 1e-9 * values[0]]
-    return found
+    return np.asarray(basis[values > 1e-9 * values[0]])
 
 
 def _free(curves: Array, own: Array) -> Array:
     """Return curves without what the model's own columns explain of them, those that nothing is left of dropped."""
     left = curves - (curves @ own.T) @ own
-    kept: Array = left[np.linalg.norm(left, axis=1) > 1e-3 * np.linalg.norm(curves, axis=1)]
-    return kept
+    return np.asarray(left[np.linalg.norm(left, axis=1) > 1e-3 * np.linalg.norm(curves, axis=1)])
 
 
 def _predicted(curves: Array, residual: Array, fold: NDArray[np.intp]) -> float:
@@ -179,8 +177,7 @@ def _shares(curves: Array, values: Array, fold: NDArray[np.intp]) -> Array:
         fitted = np.linalg.solve(gram - part @ part.T + damping, moment - part @ values[out])
         error += np.sum((values[out] - part.T @ fitted) ** 2, axis=0)
     total = np.maximum(np.sum(values**2, axis=0), 1e-300)
-    shares: Array = 1.0 - error / total
-    return shares
+    return np.asarray(1.0 - error / total)
 
 
 @dataclass(frozen=True)

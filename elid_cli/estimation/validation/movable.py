@@ -71,8 +71,7 @@ def movable(
     plain = fit.transform[:, fit.solution.basis] @ fit.solution.inverse
     ratio = after / np.maximum(np.sqrt(np.sum(plain**2, axis=1)), 1e-300)
     shift = np.abs(transform @ solution.values - fit.transform @ fit.solution.values)
-    marked: NDArray[np.bool_] = (shift > MOVED * before) | (ratio > WIDER) | _of_lacking(fit, missing)
-    return marked
+    return np.asarray((shift > MOVED * before) | (ratio > WIDER) | _of_lacking(fit, missing))
 
 
 def _of_lacking(fit: DefaultFit, missing: Sequence[Missing]) -> NDArray[np.bool_]:

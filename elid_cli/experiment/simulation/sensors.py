@@ -194,14 +194,12 @@ def _noise(name: str, exact: Array, dt: float, options: SensorOptions, generator
     rms = np.sqrt(np.mean(np.square(np.nan_to_num(exact)), axis=0))  # NaN: no such sensor at the joint
     if name in ("tau", "tau_link"):
         size = np.hypot(options.torque_noise, options.torque_noise_relative * rms)
-        coloured: Array = size * _coloured(white, dt, options.torque_correlation)
-        return coloured
+        return np.asarray(size * _coloured(white, dt, options.torque_correlation))
     if name == "temperature":
         return np.zeros_like(exact)
     absolute = options.position_noise if name in ("q", "theta") else options.velocity_noise
     relative = 0.0 if options.noise_db is None else 10 ** (-options.noise_db / 20)
-    noise: Array = np.hypot(absolute, relative * rms) * white
-    return noise
+    return np.asarray(np.hypot(absolute, relative * rms) * white)
 
 
 def _coloured(white: Array, dt: float, correlation: float) -> Array:

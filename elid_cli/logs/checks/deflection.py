@@ -141,8 +141,7 @@ def _without(values: Array, *columns: Array) -> Array:
     """Return values without their mean and without what is a multiple of columns of the same shape."""
     design = np.column_stack([np.ones(values.size), *columns])
     design = design / np.maximum(np.abs(design).max(axis=0), 1e-300)
-    rest: Array = values - design @ np.linalg.lstsq(design, values, rcond=1e-9)[0]
-    return rest
+    return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=1e-9)[0])
 
 
 def _quantum(values: Array) -> float:

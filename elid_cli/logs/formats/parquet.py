@@ -193,8 +193,7 @@ def _numbers(column: Any) -> Array:
     if types.is_dictionary(column.type):
         known = [number_of(str(text)) for text in column.dictionary.to_pylist()]
         values = np.array([np.nan if value is None else value for value in known] + [np.nan])
-        chosen: Array = values[column.indices.fill_null(len(known)).to_numpy(zero_copy_only=False)]
-        return chosen
+        return np.asarray(values[column.indices.fill_null(len(known)).to_numpy(zero_copy_only=False)])
     if types.is_timestamp(column.type) or types.is_duration(column.type):
         second = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
         return _numbers(column.cast(arrow.int64())) / second

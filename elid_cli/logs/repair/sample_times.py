@@ -122,8 +122,7 @@ def _wanders(steps: _Steps) -> bool:
 def _strength(steps: _Steps, joints: NDArray[np.intp]) -> Array:
     """Return the speed of some joints over their usual one."""
     size = np.sqrt(np.sum(steps.speed[:, joints] ** 2, axis=1))
-    found: Array = size / max(float(np.sqrt(np.mean(size**2))), 1e-300)
-    return found
+    return np.asarray(size / max(float(np.sqrt(np.mean(size**2))), 1e-300))
 
 
 def _explained(steps: _Steps, joints: NDArray[np.intp], late: Array) -> float:

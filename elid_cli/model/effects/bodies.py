@@ -58,14 +58,12 @@ def tilt_torques(robot: Robot, q: Array, parameters: Array) -> Array:
     """Return by how much holding torques change with roll and pitch of the base at angles q (N, n), (n, 2, N)."""
     gravity = np.array(robot.gravity)
     turns = [np.cross(axis, gravity).tolist() for axis in horizontal_axes(robot)]
-    found: Array = np.stack([gravity_torque(robot, q, parameters, turn) for turn in turns], axis=1)
-    return found
+    return np.asarray(np.stack([gravity_torque(robot, q, parameters, turn) for turn in turns], axis=1))
 
 
 def same_everywhere(torques: Array) -> NDArray[np.bool_]:
     """Return which torques (n, 2, N) in some poses are the same in all, those that are 0 among them, (n, 2)."""
-    found: NDArray[np.bool_] = np.ptp(torques, axis=-1) <= SAME * np.max(np.abs(torques), axis=(0, -1))
-    return found
+    return np.asarray(np.ptp(torques, axis=-1) <= SAME * np.max(np.abs(torques), axis=(0, -1)))
 
 
 Moved = tuple[int, Motion]
@@ -161,8 +159,7 @@ def turned(vector: Array, rotation: Array) -> Array:
         return vector
     axis = rotation / angle
     along = axis * float(axis @ vector)
-    turned: Array = along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(axis, vector)
-    return turned
+    return np.asarray(along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(axis, vector))
 
 
 def _moving(robot: Robot, motion: Motion) -> ChainMotion:

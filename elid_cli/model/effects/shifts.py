@@ -51,8 +51,7 @@ class Shifts:
         return replace(self, **changed)
 
     def _late(self, channel: Channel) -> Array:
-        late: Array = getattr(self, channel)
-        return late
+        return np.asarray(getattr(self, channel))
 
     def __bool__(self) -> bool:
         return bool(np.any(self.link) or np.any(self.torque) or np.any(self.position))

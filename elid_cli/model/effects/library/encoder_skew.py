@@ -57,5 +57,4 @@ class EncoderSkew(LatePositions):
         if still not in scene.cache:
             scene.cache[still] = body_torque(scene, scene.parameters)
         moved = body_torque(scene, scene.parameters, (self.joint, self.moved(scene)))
-        change: Array = (moved - scene.cache[still]) / (STEP * stiffness)
-        return change
+        return np.asarray((moved - scene.cache[still]) / (STEP * stiffness))

@@ -151,8 +151,7 @@ def _without_outliers(missing: Array) -> Array:
     At the ends of a log accelerations of coarse encoders are hundreds of times off: one such instant would decide.
     """
     usual = FARTHEST * np.median(np.abs(missing), axis=1, keepdims=True)
-    found: Array = np.clip(missing, -usual, usual)
-    return found
+    return np.asarray(np.clip(missing, -usual, usual))
 
 
 def _gain(rows: Array, missing: Array) -> Array:
@@ -174,8 +173,7 @@ def _gain(rows: Array, missing: Array) -> Array:
     right = products - squares @ whole @ products[0]
     # a little of the whole keeps instants near the ends, which hardly change anything, from exploding
     left = left + 1e-6 * np.eye(left.shape[1])
-    gain: Array = np.einsum("na,na->n", right, np.linalg.solve(left, right[..., None])[..., 0])
-    return gain
+    return np.asarray(np.einsum("na,na->n", right, np.linalg.solve(left, right[..., None])[..., 0]))
 
 
 def independent(robot: Robot, body: int) -> Array:
