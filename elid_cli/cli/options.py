@@ -186,7 +186,7 @@ spread = gathered(
 fit = gathered(
     "fit", "elid_cli.estimation.result:EstimateOptions",
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
-           help="paper: the least squares of the paper, for comparison; noise biases it."),
+           help="paper: least squares as in Zollo et al. (2014), for comparison; noise biases it."),
     option(FIT, "--fit", type=click.Choice(("auto", "torque", "trajectory")), default="auto",
            help="What is fitted to the log. torque: the measured torque. trajectory: the measured motion, by "
                 "simulation under the log's commands (masses and inertias stay those of the robot file); without "

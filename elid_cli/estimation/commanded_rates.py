@@ -22,9 +22,9 @@ BY_FAR = 2.0
 """Logarithm, per joint, by which the error's size falls where that cannot be what else a model lacks. Measured: 0.4 at
 most for springs, quadratic friction and integral terms of drives that are told none; 0.7 to 4 for rates with these."""
 TOLD = "no dq_des is logged: the drives are taken to be told the rate of q_des, with which the motion is clearly nearer"
-NONE = "no dq_des is logged: the drives are taken to be told none, with which the motion is clearly nearer"
+NONE = "no dq_des is logged: no commanded velocity is assumed, with which the motion is clearly nearer"
 UNSURE = (
-    "no dq_des is logged: the drives are taken to be told none; the motion is nearer with the rate of q_des, but more "
+    "no dq_des is logged: no commanded velocity is assumed; the motion is nearer with the rate of q_des, but more "
     "than that is missing (--map dq_des=rate takes the rate)"
 )
 

@@ -122,7 +122,7 @@ def _check_complete(results: Sequence[SavedDistribution], robot: Robot) -> None:
             names = [effect if joint is None else f"{effect} of {joint}" for effect, joint in lacking]
             raise UsageError(
                 f"{robot.name}: lacks what {result.file} found: {first_of(names, LISTED)}",
-                detail="sets of it would have the values that were found beside that, without it",
+                detail="the values that were found belong to it",
                 hint="give the robot that elid diagnose --write-robot FILE.yaml writes",
             )
 

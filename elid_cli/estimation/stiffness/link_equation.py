@@ -139,7 +139,9 @@ def _between(item: BaseEstimate, way: Callable[[int], TwoWays | None]) -> BaseEs
     if item.estimate > ways.inverse + 2.0 * item.std_error:
         # what stands still tells more than what varies: right if neither encoder's zero is off
         away = 0.5 * (item.estimate - ways.inverse)
-        reason = f"{follows}: told by the mean load, where what varies gives no more than {ways.inverse:.3g}"
+        reason = (
+            f"{follows}: this value is from the mean load, and the varying load gives no more than {ways.inverse:.3g}"
+        )
         return replace(item, std_error=max(item.std_error, away), verdict="weak", reason=reason)
     estimate, deviation = ways.middle, max(ways.spread, item.std_error)
     reason = (

@@ -34,8 +34,8 @@ def told_alike(
         request = replace(request, signals=replace(request.signals, commands=most))
         odd = [log for log, own in zip(told, smooth, strict=True) if own != (most == "smooth")]
         if odd:
-            notes.append(f"commands are taken as {most} in all logs; alone {_named(odd)} would have the others "
-                         "(--commands decides)")  # fmt: skip
+            notes.append(f"commands are taken as {most} in all logs; by themselves {_named(odd)} would be taken the "
+                         "other way (--commands decides)")  # fmt: skip
     if any(rates):
         request = replace(request, mapping={**(request.mapping or {}), "dq_des": {"from": RATE}})
     if notes or (not all(rates) and any(rates)):

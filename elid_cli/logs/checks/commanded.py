@@ -17,7 +17,7 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import held_mean, rate_of
 
 UNTOLD = (
-    "no dq_des is logged: the drives are taken to be told none, which nothing shows (--map dq_des=rate: the rate of "
+    "no dq_des is logged: no commanded velocity is assumed, which nothing shows (--map dq_des=rate: the rate of "
     "q_des, as of small servos)"
 )
 DIFFERENT = 0.01

@@ -153,8 +153,8 @@ def _elastic_words(found: Identification) -> str:
     return (
         f"The elasticity of {listed(names)}, whose stiffness was found: the fit takes "
         f"{'this joint' if len(names) == 1 else 'these joints'} as rigid, which may bias inertias, masses and first "
-        "moments. elid identify of one log alone, not a long one, without --accurate and --fit, takes it "
-        f"out, where the motion reverses seldom enough.{besides}"
+        "moments. elid identify of a single short log takes it out, without --accurate and --fit, where the motion "
+        f"reverses seldom enough.{besides}"
     )
 
 

@@ -30,7 +30,7 @@ def load_words(found: MotionDiagnosis) -> str:
         mass = next((e.parameters.get("m") for e in r.beside if e.effect == load), None)
         here = "another, perhaps," if mass is None else f"{number_text(mass, 3)} kg"
         cases.append(f"{here} if it is {whose(r.effect, r.joint)}")
-    return f" The mass of the {spoken(load)} hangs on that: {listed(cases)}."
+    return f" The mass of the {spoken(load)} depends on which it is: {listed(cases)}."
 
 
 def scale_words(found: MotionDiagnosis) -> str:

@@ -42,7 +42,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         }
         caption = "Estimate of every recording with its 95 % interval; dashed: the line or the step that was found."
         if told.trends.stands_out:
-            caption += " Crosses: recordings that stand out, which the rest is without."
+            caption += " Crosses: recordings that stand out; they are not used for the rest."
         yield Figure(f"trend_{joint}", f"{joint}: parameters over recordings", "trended", data, caption)
 
 
