@@ -47,7 +47,7 @@ integrator, and is unstable from 2 on."""
 _POSES = 24
 
 
-def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
+def mjcf_text(robot: Robot) -> str:
     """Return a robot as MJCF text.
 
     Parameters
@@ -55,17 +55,15 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     robot
         Any convention. Springs on links are joints' stiffness, friction that fades in softens their friction; friction
         and damping of elastic joints' links and transmissions are those of joints and tendons. Its other effects are
-        named in a comment, and not exported.
-    parameters
-        Standard parameters in standard order, shape (p,); the robot's reference values if None. Where they are not
-        those of real bodies, parameters that no motion notices are changed until they are.
+        named in a comment, and not exported. Where its parameters are not those of real bodies, those that no motion
+        notices are changed until they are.
 
     Raises
     ------
     RobotError
         A parameter that matters is unknown, or no real body moves like this one.
     """
-    values = known_parameters(robot, parameters)
+    values = known_parameters(robot)
     full, links = apart(robot, values)
     lines = [f"<mujoco model={quoted(robot.name)}>"]
     new = replace(robot, source="")

@@ -29,7 +29,7 @@ def disc(inertia: float, axis: tuple[float, float, float]) -> Array:
     return matrix
 
 
-def known_parameters(robot: Robot, parameters: Array | None = None) -> Array:
+def known_parameters(robot: Robot) -> Array:
     """Return standard parameters, shape (p,), all known: those that no motion notices are 0 where not given.
 
     Raises
@@ -37,7 +37,7 @@ def known_parameters(robot: Robot, parameters: Array | None = None) -> Array:
     RobotError
         A parameter that matters is unknown (friction counts as none), or a rotor or spring is not positive.
     """
-    values = np.array(robot.reference() if parameters is None else parameters, dtype=float)
+    values = robot.reference()
     names = robot.parameter_names()
     classes = find_base(Regressor(robot)).classes
     for k, name in enumerate(names):

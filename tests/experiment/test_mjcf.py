@@ -13,6 +13,7 @@ from elid_cli.experiment.real_bodies import known_parameters
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Limits, Robot
+from elid_cli.robot.urdf.write import with_parameters
 from tests.robot.elastic_lagrange import accelerations
 from tests.robot.random_robots import random_robot
 
@@ -35,7 +36,7 @@ def compare(
 ) -> float:
     """Return the largest relative difference of accelerations over random states; links and motors apart."""
     values = known_parameters(robot)
-    model = mujoco.MjModel.from_xml_string(mjcf_text(robot, values))
+    model = mujoco.MjModel.from_xml_string(mjcf_text(with_parameters(robot, values)))
     data = mujoco.MjData(model)
     dynamics = Dynamics(robot, values)
     rng = np.random.default_rng(5)
@@ -94,7 +95,7 @@ def test_rigid_transmissions_are_kept_to_the_accuracy_of_mujocos_constraints():
 def test_a_swing_of_a_second_is_alike():
     robot = free(read_robot("planar2"), smooth=True)
     values = known_parameters(robot)
-    model = mujoco.MjModel.from_xml_string(mjcf_text(robot, values))
+    model = mujoco.MjModel.from_xml_string(mjcf_text(with_parameters(robot, values)))
     model.opt.timestep = 1e-3
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     data = mujoco.MjData(model)
@@ -128,11 +129,11 @@ def test_what_matters_must_be_known_and_positive():
     values = robot.reference()
     values[robot.parameter_names().index("K1")] = -1
     with pytest.raises(RobotError, match="K1 is -1"):
-        mjcf_text(robot, values)
+        mjcf_text(with_parameters(robot, values))
     values = robot.reference()
     values[robot.parameter_names().index("m2")] = -10
     with pytest.raises(RobotError, match="no real bodies"):
-        mjcf_text(robot, values)
+        mjcf_text(with_parameters(robot, values))
 
 
 def test_limits_names_and_undeclared_effects_are_in_the_file(tmp_path):

@@ -22,6 +22,7 @@ from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec, Limits, Robot
+from elid_cli.robot.urdf.write import with_parameters
 
 mujoco = pytest.importorskip("mujoco")
 SNIPPET = Path(__file__).parents[2] / "docs/how-to/mujoco_effects.py"
@@ -85,7 +86,7 @@ def accelerations(robot: Robot, snippet: ModuleType, path: Path, seed: int) -> t
     state = [*q, *theta, *dq, *dtheta] if elastic else [*q, *dq]
     ddq, ddtheta, _ = system.accelerations(0.0, state, tau.tolist())
 
-    model = mujoco.MjModel.from_xml_string(mjcf_text(robot, values))
+    model = mujoco.MjModel.from_xml_string(mjcf_text(with_parameters(robot, values)))
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in robot.joint_names]
     data.qpos[places], data.qvel[places] = q, dq

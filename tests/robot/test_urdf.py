@@ -13,7 +13,7 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import fingerprint, read_robot, robot_from_text, write_robot
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.urdf.read import read_urdf
-from elid_cli.robot.urdf.write import urdf_text
+from elid_cli.robot.urdf.write import urdf_text, with_parameters
 from tests.robot.elastic_lagrange import frames, inertia_matrix, potential
 from tests.robot.random_robots import random_robot
 
@@ -194,7 +194,7 @@ def test_round_trips_within_1e_9(dh, seed, tmp_path):
 def test_identified_parameters_are_written_in_place_of_the_reference(tmp_path):
     robot = random_robot(2, 3, "standard")
     values = robot.reference() * 1.1
-    (tmp_path / "arm.urdf").write_text(urdf_text(robot, values), "utf-8")
+    (tmp_path / "arm.urdf").write_text(urdf_text(with_parameters(robot, values)), "utf-8")
     np.testing.assert_allclose(read_robot(tmp_path / "arm.urdf").reference(), values, rtol=1e-9, atol=1e-12)
 
 
@@ -333,4 +333,4 @@ def test_a_body_without_mass_but_with_a_first_moment_cannot_be_a_urdf_link():
     values = robot.reference()
     values[robot.parameter_names().index("m2")] = 0
     with pytest.raises(RobotError, match=r"joint2: a first moment"):
-        urdf_text(robot, values)
+        urdf_text(with_parameters(robot, values))

@@ -42,22 +42,20 @@ def unreal_bodies(links: Sequence[str]) -> str:
             "refuse: full physical parameters first: elid identify … --physical")  # fmt: skip
 
 
-def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
+def urdf_text(robot: Robot) -> str:
     """Return a robot as URDF text.
 
     Parameters
     ----------
     robot
         Any convention; DH robots keep their DH parameters as a remark that elid reads back.
-    parameters
-        Standard parameters in standard order, shape (p,), NaN where unknown; the robot's reference values if None.
 
     Raises
     ------
     RobotError
         A body that no mass and centre of mass can stand for (a first moment without mass).
     """
-    robot = in_joint_frames(with_parameters(robot, parameters))
+    robot = in_joint_frames(robot)
     description = f" description={quoted(robot.description)}" if robot.description else ""
     links = link_names(robot)
     lines = [
@@ -76,10 +74,8 @@ def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
     return "\n".join([*lines, "</robot>"]) + "\n"
 
 
-def with_parameters(robot: Robot, parameters: Array | None) -> Robot:
+def with_parameters(robot: Robot, parameters: Array) -> Robot:
     """Return the robot with standard parameters, shape (p,), in place of its reference values (NaN: unknown)."""
-    if parameters is None:
-        return robot
     values = dict(zip(robot.parameter_names(), (float(value) for value in parameters), strict=True))
     joints = []
     for k, joint in enumerate(robot.joints):
