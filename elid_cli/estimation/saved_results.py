@@ -12,6 +12,7 @@ from typing import Any
 from elid_cli.errors import UsageError
 from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
+from elid_cli.tables import Shown
 
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""
@@ -54,6 +55,17 @@ def saved_object(path: str | Path, again: str = AGAIN) -> Mapping[str, Any]:
         raise UsageError(f"{path}: not a result of elid", hint=again)
     check_numbers(data, str(path))
     return data
+
+
+def told_by(result: Shown | str | Path, number: int) -> tuple[Mapping[str, Any], str]:
+    """Return a result's JSON object, read where it is a file, and what it is called: by number where no file holds it.
+
+    Raises
+    ------
+    UsageError
+        See `saved_object`.
+    """
+    return (result.to_dict(), f"result {number}") if isinstance(result, Shown) else (saved_object(result), str(result))
 
 
 def check_joints(saved: Mapping[str, Any], robot: Robot, path: str | Path) -> None:

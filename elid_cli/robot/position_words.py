@@ -27,10 +27,10 @@ def mean_words(robot: Robot, sizes: Mapping[str, float], digits: int, *, bare: b
     return " and ".join(parts)
 
 
-def largest_words(robot: Robot, sizes: Mapping[str, float], digits: int) -> str:
+def largest_words(robot: Robot, sizes: Mapping[str, float]) -> str:
     """Return the largest of joints' rms sizes, rad (m), in words: that of turning and that of sliding joints apart."""
     worst: dict[str, str] = {}
     for name in sorted(sizes, key=lambda name: sizes[name]):
         worst[small_unit(robot, name)] = name
-    parts = [f"{float(f'{1e3 * sizes[name]:.{digits}g}'):.6g} {unit} rms (at {name})" for unit, name in worst.items()]
+    parts = [f"{float(f'{1e3 * sizes[name]:.2g}'):.6g} {unit} rms (at {name})" for unit, name in worst.items()]
     return " and ".join(parts)

@@ -20,7 +20,7 @@ def test_turning_and_sliding_joints_are_told_apart() -> None:
     assert mean_words(mixed, sizes, 2) == told
     assert mean_words(mixed, sizes, 2, bare=True) == told
     assert mean_words(robot, {first: 1.23456}, 3) == "1230 mrad"
-    assert largest_words(robot, sizes, 2) == f"0.4 mrad rms (at {second})"
-    assert set(largest_words(mixed, sizes, 2).split(" and ")) == {
+    assert largest_words(robot, sizes) == f"0.4 mrad rms (at {second})"
+    assert set(largest_words(mixed, sizes).split(" and ")) == {
         f"0.2 mm rms (at {first})", f"0.4 mrad rms (at {second})",
     }  # fmt: skip

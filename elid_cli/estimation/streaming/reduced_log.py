@@ -45,7 +45,7 @@ class ReducedLog:
     """
 
     fingerprint: str
-    """Of the model of the robot as described (`robot_text.fingerprint`)."""
+    """Of the model of the robot as described (`robot.text.fingerprint`)."""
     options: Mapping[str, object]
     """How the signals were conditioned, as asked for, JSON values; of commands, what was decided: smooth, or None."""
     recording: Recording

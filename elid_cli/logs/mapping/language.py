@@ -208,7 +208,9 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
         others = [signal for signal in SIGNALS if signal != name]
         raise UsageError(f"{where}: add: unknown signal {add!r}", hint=did_you_mean(add, others))
     unit, factor = _units(spec.get("unit", ""), name, robot, where)
-    unwrap = _flag(spec.get("unwrap", False), where, "unwrap")
+    unwrap = spec.get("unwrap", False)
+    if not isinstance(unwrap, bool):
+        raise UsageError(f"{where}: unwrap: expected true or false", detail=f"found {unwrap!r:.60}")
     if unwrap and isinstance(factor, tuple) and len(set(factor)) > 1:
         raise UsageError(f"{where}: unwrap: needs one unit for all joints", detail=f"found {unit}")
     return SignalMap(
@@ -235,12 +237,6 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
 def _text(value: Any, where: str, key: str) -> str:
     if not isinstance(value, str):
         raise UsageError(f"{where}: {key}: expected text", detail=f"found {value!r:.60}")
-    return value
-
-
-def _flag(value: Any, where: str, key: str) -> bool:
-    if not isinstance(value, bool):
-        raise UsageError(f"{where}: {key}: expected true or false", detail=f"found {value!r:.60}")
     return value
 
 

@@ -132,7 +132,7 @@ def _rival(rival: Rival) -> dict[str, Any]:
 
 def _trust(found: MotionDiagnosis) -> str:
     before, after = (mean_off(found, fit, bare=k == 0) for k, fit in enumerate((found.fit_before, found.fit_after)))
-    most = largest_words(found.robot, {name: own.after for name, own in found.position.items()}, 2)
+    most = largest_words(found.robot, {name: own.after for name, own in found.position.items()})
     left = found.unexplained
     verdict = f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}" if left else "Yes"
     added = ", " + ("even when" if left else "once") + " what is missing is added" if found.effects else ""
