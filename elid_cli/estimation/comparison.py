@@ -15,7 +15,7 @@ from typing import Any
 
 from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.same_joints import comparable
-from elid_cli.estimation.saved_results import number_of, saved_object
+from elid_cli.estimation.saved_results import number_of, saved_object, told_by
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.tables import Shown
@@ -125,11 +125,9 @@ def as_saved(results: Sequence[Result]) -> list[SavedResult]:
         See `read_result`.
     """
     return [
-        result if isinstance(result, SavedResult)
-        else result_of(result.to_dict(), f"result {k}") if isinstance(result, Shown)
-        else read_result(result)
+        result if isinstance(result, SavedResult) else result_of(*told_by(result, k))
         for k, result in enumerate(results, start=1)
-    ]  # fmt: skip
+    ]
 
 
 def result_of(data: Mapping[str, Any], path: str) -> SavedResult:

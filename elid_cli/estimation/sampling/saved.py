@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
-from elid_cli.estimation.saved_results import AGAIN, saved_object
+from elid_cli.estimation.saved_results import AGAIN, saved_object, told_by
 from elid_cli.tables import Shown
 
 INDEFINITE = 1e-6
@@ -73,13 +73,7 @@ def as_distribution(result: SavedDistribution | Shown | str | Path, number: int)
     UsageError
         See `read_distribution`.
     """
-    if isinstance(result, SavedDistribution):
-        return result
-    return (
-        distribution_of(result.to_dict(), f"result {number}")
-        if isinstance(result, Shown)
-        else read_distribution(result)
-    )
+    return result if isinstance(result, SavedDistribution) else distribution_of(*told_by(result, number))
 
 
 def distribution_of(data: Mapping[str, Any], path: str) -> SavedDistribution:
