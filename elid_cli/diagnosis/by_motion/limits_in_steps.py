@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, sharpened
 from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.held_loops import OFTEN, clearly_nearer, of_loops
+from elid_cli.estimation.trajectory.held_loops import clearly_nearer, of_loops
+from elid_cli.estimation.trajectory.loop_periods import OFTEN
 from elid_cli.estimation.trajectory.simulator_steps import FINEST, USUAL, in_steps
 from elid_cli.model.runs import Run
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +20,12 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.trajectory.changes import CLEARLY, SURE, nearer_by, nearer_throughout
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.loop_periods import WHOLE, allowed_loops, can_delay, late_commands
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.timing_doubts import counting, step_of
 from elid_cli.estimation.trajectory.unknowns import KINDS
-from elid_cli.estimation.trajectory.unseen_loops import LITTLE, SHORTEST, by_delay, by_motion
+from elid_cli.estimation.trajectory.unseen_loops import LITTLE, by_delay, by_motion
 from elid_cli.model.drives import lost_to_holding, parts_of_loops
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_loops
@@ -44,19 +44,8 @@ NONE = 1e-3
 """Part of what holding may take from viscous friction up to which that is none."""
 AT_NOISE = 1.03
 """Times the encoders' noise up to which nothing but that is left."""
-WHOLE = 0.25
-"""Part of a period by which a delay may be off a whole number of periods: a loop that runs at the log's instants is
-told its commands at these."""
 ALWAYS = 0
 """Said of loops that act all the time."""
-OFTEN = 2, 4, 5, 8, 10
-"""How often in a sample loops may run, beside once …"""
-PERIODS = 2e-3, 2.5e-3, 4e-3, 5e-3, 8e-3, 1e-2
-"""… and their usual periods, s, which need be no part of a sample."""
-MOST, EXACTLY = 20, 2e-3
-"""Most parts of a sample at which loops may run, and part by which their periods may be off these."""
-SLIGHT, SURELY = 5e-4, 1.5e-4
-"""s by which a delay may be off whole periods in any case, half a step of many simulators; and in these steps."""
 ELSEWHERE = 1.0
 """Sum over the joints of the logarithm by which loops are farther that take commands at another time."""
 PROBED = 2.5e-3, 5e-3
@@ -183,16 +172,6 @@ def nearest_loops(fit: TrajectoryFit) -> TrajectoryFit:
     return max([fit, *_every(fit, fit.tracked[0].run.dt).values()], key=lambda one: nearer_by(one, fit))
 
 
-def allowed_loops(dt: float) -> list[float]:
-    """Return how often in a sample loops may run, the most often first."""
-    parts = {1.0, *(float(often) for often in OFTEN if dt / often >= SHORTEST)}
-    for period in PERIODS:
-        often = Fraction(dt / period).limit_denominator(MOST)
-        if often and abs(often * period / dt - 1) < EXACTLY and often.numerator <= MOST:
-            parts.add(float(often))
-    return sorted(parts, reverse=True)
-
-
 def _fits(fit: TrajectoryFit, dt: float, every: Sequence[float]) -> dict[float, TrajectoryFit]:
     found = {often: of_loops(fit, often, dt) for often in every}
     return {often: one for often, one in found.items() if one is not None}
@@ -242,33 +221,6 @@ def _beside(
         if _near(fit, {k: one for k, one in (found | more).items() if k == often}):
             break
     return more
-
-
-def can_delay(fit: TrajectoryFit, period: float) -> bool:
-    """Whether loops of a period, s, make commands as late as the motion has them: by whole periods, as they act."""
-    late = fit.delays - late_commands(fit, period)
-    apart = np.abs(late - np.maximum(np.round(late / period), 0.0) * period)
-    stepped = any(item.run.drives.stepped is not None for item in fit.tracked)
-    return bool((apart <= (SURELY if stepped else max(WHOLE * period, SLIGHT))).all())
-
-
-def late_commands(fit: TrajectoryFit, period: float) -> Array:
-    """Return by how much loops of a period, s, take commands later than these change, on average, s, (R,).
-
-    Large changes count for more. Loops that run at every instant of the log take them at once.
-    """
-    late, weight = np.zeros((2, fit.unknowns.recordings))
-    for item in fit.tracked:
-        run = item.run
-        if run.told is None:
-            continue
-        change = np.diff(run.told, axis=0)
-        size = np.sum((change / np.maximum(np.sqrt(np.mean(change**2, axis=0)), 1e-300)) ** 2, axis=1)
-        places = (run.begun + np.arange(1, len(run.t))) * run.dt / period
-        late[run.source] += period * float(size @ (np.ceil(places - 1e-6) - places))
-        weight[run.source] += float(size.sum())
-    found: Array = np.maximum(late, 0.0) / np.maximum(weight, 1e-300)
-    return found
 
 
 def _near(fit: TrajectoryFit, found: dict[float, TrajectoryFit]) -> dict[float, TrajectoryFit]:

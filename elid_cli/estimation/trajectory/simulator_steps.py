@@ -20,14 +20,13 @@ from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.held_loops import (
     AT_NOISE,
-    allowed_loops,
-    can_delay,
     clearly_nearer,
     counting_other,
     loops_of,
     refitted,
     with_held_loops,
 )
+from elid_cli.estimation.trajectory.loop_periods import allowed_loops, can_delay
 from elid_cli.estimation.trajectory.timing_doubts import as_doubtful, counting, step_of
 from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.estimation.trajectory.velocity_filters import filters_in_doubt, velocity_filters

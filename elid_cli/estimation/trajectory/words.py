@@ -22,6 +22,8 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
+SHOWN = 3.0
+"""Standard errors by which a friction is below 0 that is called negative."""
 SEVERAL = 1.5
 """Steps of a simulator from which on a loop may hold its torque for more than one."""
 HOLDS = (

@@ -11,8 +11,8 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.estimation.trajectory.decided import fit_with_columns
-from elid_cli.estimation.trajectory.held_loops import late_commands
 from elid_cli.estimation.trajectory.identification import commanded_runs
+from elid_cli.estimation.trajectory.loop_periods import late_commands
 from elid_cli.experiment.replay.replay import ReplayOptions, replay
 from elid_cli.model.drives import parts_of_loops
 from elid_cli.model.effects.of_drives import holding

@@ -21,7 +21,7 @@ from tests.model.effects.effect_scenes import DT, instant, planar, scene_of, spa
 
 LIBRARY = effect_classes()
 BOTH = ("planar_scene", "spatial_scene")
-IN_MOTION = "filter", "hold", "step"
+IN_MOTION = "kp", "kd", "filter", "hold", "step"
 """How a drive filters, and when it acts, is in the simulated motion: no column holds it."""
 CASES = [(name, which) for name in LIBRARY for which in BOTH if LIBRARY[name].of_drive not in IN_MOTION]
 AT_ONCE = [(name, which) for name, which in CASES if not LIBRARY[name].corrects and not LIBRARY[name].memory]

@@ -14,7 +14,7 @@ class DampingGain(Effect):
     """
 
     name = "damping_gain"
-    summary = "derivative gain of the drive's loop off by a factor, its proportional gain right"
+    summary = "kd of the drive's loop off by a factor, its kp right"
     equation = "drive: kd / (1 + gain) (dq_des - dq), in place of kd (dq_des - dq)"
     physics = (
         "Gains are set in the drive's own units, one by one, and a log or a configuration file holds what somebody"

@@ -14,7 +14,7 @@ class PositionGain(Effect):
     """
 
     name = "position_gain"
-    summary = "proportional gain of the drive's loop off by a factor, its derivative gain right"
+    summary = "kp of the drive's loop off by a factor, its kd right"
     equation = "drive: kp / (1 + gain) (q_des - q), in place of kp (q_des - q)"
     physics = (
         "Gains are set in the drive's own units, one by one, and a log or a configuration file holds what somebody"
