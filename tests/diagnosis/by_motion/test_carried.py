@@ -208,7 +208,7 @@ def test_gains_of_two_joints_that_a_tool_leaves_alike_are_both_named(tmp_path: P
     assert other.effect == "payload"
     assert abs(right.parameters["m"] - TOOL) < 4 * right.std_error["m"]
     assert abs(wrong.parameters["m"] - TOOL) > 0.05
-    said = f"{other.parameters['m']:.3g} kg if it is torque gain of {rival.joint}."
+    said = f"{other.parameters['m']:.3g} kg if it is torque gain of {rival.joint}"
     sections = str(motion_diagnosis_report(found, "arm.yaml").sections)
     assert said in sections
     assert f"in place of that of {named.joint} it explains" in sections

@@ -150,7 +150,7 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     turned = Turned(BaseAngles(), np.array([0.1, 0.0]), np.array([0.001, np.inf]), SimpleNamespace(n=joints), fit)  # type: ignore[arg-type]
     monkeypatch.setattr(whole_robot, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
-    for other in ("zeros_of", "late_joints", "integral_terms", "velocity_filters"):
+    for other in ("zeros_of", "late_joints", "integral_terms", "velocity_filters", "position_gains", "damping_gains"):
         monkeypatch.setattr(whole_robot, other, lambda *_: None)
     monkeypatch.setattr(whole_robot, "kinds_of_loads", lambda _: [])
     none = np.zeros(joints, dtype=bool)
@@ -160,7 +160,7 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
     found, _ = whole_robot._by_asked(found, log, change, rivals)
     assert not found.changes
     assert bool(asks) == asked
-    assert found.done.tried == 5
+    assert found.done.tried == 7
 
 
 class Turned(Changed):

@@ -23,7 +23,7 @@ def fit(nearer: float) -> Any:
 
 def change(name: str, nearer: float, deviations: list[float], joints: tuple[int, ...] = ()) -> Any:
     """Return a change of numbers that are 1 with these standard errors."""
-    by = SimpleNamespace(joints=joints, count=len(deviations), kind=SimpleNamespace(name=name, record=""))
+    by = SimpleNamespace(joints=joints, count=len(deviations), kind=SimpleNamespace(name=name, record="", of_drive=""))
     found = Changed(by, np.ones(len(deviations)), np.array(deviations), None, fit(nearer))  # type: ignore[arg-type]
     return SimpleNamespace(by=by, fit=found.fit, sure=found.sure, numbers=found.numbers, is_nearer=lambda _: True)
 

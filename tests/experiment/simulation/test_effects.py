@@ -59,6 +59,7 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
 ELSEWHERE = {
     "lookup": "no physics of its own", "sensor_gain": "acts on tau_link", "sensor_offset": "acts on tau_link",
     "integral_action": "needs a position loop", "velocity_filter": "needs a drive's loop",
+    "position_gain": "needs a drive's loop", "damping_gain": "needs a drive's loop",
     "held_loop": "needs a drive's loop", "euler_steps": "needs a drive's loop",
 }  # fmt: skip
 
