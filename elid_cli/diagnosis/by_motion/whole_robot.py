@@ -45,7 +45,7 @@ from elid_cli.diagnosis.by_motion.torque_gains import (
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beginning import started_from
-from elid_cli.estimation.trajectory.changes import retuned
+from elid_cli.estimation.trajectory.changes import Changed, retuned
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
 from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
@@ -290,12 +290,21 @@ def _asked_changes(found: Found, log: _Log, whole: bool = True) -> tuple[Found, 
     kinds = _kinds(found, log, None if whole else effect_that(carried=True))
     # what effects that were found hide is asked for beside them
     for near in (found.plain, *([found.done.after] if found.done.named else [])):
-        tried = [kind.alone(near) for kind in kinds if kind.alone is not None]
+        tried = [_worth(kind.alone(near), near, found) for kind in kinds if kind.alone is not None]
         found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
         best, rivals = simplest([one for one in tried if one is not None], near)
         if best is not None:
             return found, Together.of(best, log.runs), rivals
     return found, None, ()
+
+
+def _worth(one: Changed | None, near: TrajectoryFit, found: Found) -> Changed | None:
+    """Return a change, but for one gain of a loop that effects which were found bring the motion clearly nearer than.
+
+    Gains of a loop imitate springs: a search with them takes long, and leads nowhere then.
+    """
+    gain = one is not None and one.by.kind.of_drive in TUNED and near is found.plain
+    return None if one is not None and gain and clearly_nearer(found.done.after, one.fit) else one
 
 
 def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:

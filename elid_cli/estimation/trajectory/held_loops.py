@@ -46,6 +46,8 @@ AT_NOISE = 1.03
 """Times the encoders' noise up to which nothing but that is left."""
 ALWAYS = 0
 """Said of loops that act all the time."""
+NEARLY = 0.1
+"""The same where commands change all the time: how late loops take them is well known then."""
 ELSEWHERE = 1.0
 """Sum over the joints of the logarithm by which loops are farther that take commands at another time."""
 PROBED = 2.5e-3, 5e-3
@@ -189,8 +191,9 @@ def _foreseen(fit: TrajectoryFit, dt: float, much: float, *, step: bool) -> dict
     period: of loops that run always, and of both. Loops are of periods that have the delay of the commands, unless
     these change all the time and loops take each of them.
     """
+    part = WHOLE if step else NEARLY
     allowed = [often for often in allowed_loops(dt)
-               if (not step and often == round(often)) or can_delay(fit, dt / often)]  # fmt: skip
+               if (not step and often == round(often)) or can_delay(fit, dt / often, part)]  # fmt: skip
     found: dict[float, TrajectoryFit] = {}
     for often in _probes(allowed, dt):
         found |= {} if len(_near(fit, found)) > 1 else _fits(fit, dt, (often,))

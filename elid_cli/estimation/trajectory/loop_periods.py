@@ -33,12 +33,12 @@ def allowed_loops(dt: float) -> list[float]:
     return sorted(parts, reverse=True)
 
 
-def can_delay(fit: TrajectoryFit, period: float) -> bool:
+def can_delay(fit: TrajectoryFit, period: float, part: float = WHOLE) -> bool:
     """Whether loops of a period, s, make commands as late as the motion has them: by whole periods, as they act."""
     late = fit.delays - late_commands(fit, period)
     apart = np.abs(late - np.maximum(np.round(late / period), 0.0) * period)
     stepped = any(item.run.drives.stepped is not None for item in fit.tracked)
-    return bool((apart <= (SURELY if stepped else max(WHOLE * period, SLIGHT))).all())
+    return bool((apart <= (SURELY if stepped else max(part * period, SLIGHT))).all())
 
 
 def late_commands(fit: TrajectoryFit, period: float) -> Array:
