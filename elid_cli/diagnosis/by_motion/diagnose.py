@@ -39,7 +39,7 @@ from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
 from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, identification_of
 from elid_cli.estimation.trajectory.late_joints import believed
-from elid_cli.estimation.trajectory.simulator_steps import runs_in_time
+from elid_cli.estimation.trajectory.simulator_steps import is_timed, runs_in_time
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.timing_doubts import as_doubtful
 from elid_cli.model.effects import effect_classes, effect_that
@@ -118,7 +118,8 @@ def diagnose_motion(
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
     if not whole.done.partial:
-        other, timed = timed_again(signals, bare, runs, timed, whole)
+        other, judged = timed_again(signals, bare, runs, timed, whole)
+        timed = timed if is_timed(timed, signals) else judged
         if any(run is not own for run, own in zip(other, runs, strict=True)):
             again = searched(robot, signals, other, (effects, amplitudes), off, only, progress)
             if not again.done.partial and nearer_by(again.done.after, whole.done.after) > 0:

@@ -7,14 +7,14 @@ that it leaves alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.torque_gains import DOUBTED, LEAST, LEAST_RATIO
+from elid_cli.diagnosis.by_motion.relative_gains import RelativeGains
+from elid_cli.diagnosis.by_motion.torque_gains import DOUBTED, LEAST
 from elid_cli.estimation.trajectory.beside import BESIDE, Beside, moved_by_runs
-from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed_joints
+from elid_cli.estimation.trajectory.changes import SURE, Changed, changed_joints
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import TUNED, declared_loop_gains
@@ -23,39 +23,21 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
 
-@dataclass(frozen=True)
-class PositionGains(Change):
-    """By how much the logged kp of some joints' drives is larger than the one that acts, in parts of that.
+class PositionGains(RelativeGains):
+    """Gains of the position's error, kp."""
 
-    Beyond what the robot declares.
-    """
-
-    joints: tuple[int, ...]
-    known: tuple[float, ...] = ()
-    """What the robot declares: logged over acting gain, (n,)."""
     kind = effect_that(of_drive=TUNED[0])
-    most = 3.0
 
     def run(self, plain: Run, values: Array) -> Run:
         """Return the stretch under drives of these gains."""
-        return self._tuned(plain, self._ratio(values))
-
-    def named(self, fit: TrajectoryFit, values: Array) -> Array:
-        """Return the whole gains."""
-        found: Array = np.array(self.known)[list(self.joints)] * (1.0 + values) - 1.0
-        return found
-
-    def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
-        """Return their standard errors."""
-        found: Array = np.array(self.known)[list(self.joints)] * deviations
-        return found
+        return self._tuned(plain, self.over(plain.measured.shape[1], values))
 
     def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
         """Return what it does to raise each gain a little."""
-        own = self._ratio(values)[list(self.joints)]
+        own = self.over(level.n, values)[list(self.joints)]
 
         def larger(place: int) -> Callable[[Run], Run]:
-            step = np.ones(len(self.known))
+            step = np.ones(level.n)
             step[self.joints[place]] = (own[place] + BESIDE) / own[place]
             return lambda run: self._tuned(run, step)
 
@@ -64,14 +46,9 @@ class PositionGains(Change):
     def _tuned(self, run: Run, ratio: Array) -> Run:
         return run.tuned(ratio, np.ones(len(ratio)))
 
-    def _ratio(self, values: Array) -> Array:
-        found = np.ones(len(self.known))
-        found[list(self.joints)] = np.maximum(1.0 + values, LEAST_RATIO)
-        return found
-
 
 class DampingGains(PositionGains):
-    """The same of kd."""
+    """Gains of the velocity's error, kd."""
 
     kind = effect_that(of_drive=TUNED[1])
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.refits import known_of
+from elid_cli.diagnosis.by_motion.relative_gains import LEAST_RATIO, RelativeGains
 from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.result import FoundEffect, Rival
@@ -21,7 +22,6 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
-from elid_cli.estimation.trajectory.changes import Change
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
@@ -42,8 +42,6 @@ MOST = 0.5
 """Part of the joint's squared error beyond noise that the first step to them may leave."""
 LARGEST = 0.5
 """Part of itself by which a ratio is taken to be off at first."""
-LEAST_RATIO = 0.05
-"""Computed torque over the one that acts, at least."""
 CHECK = "a known payload, held still in several poses, with kp and kd as the drive has them"
 """What separates a torque gain from what imitates it."""
 
@@ -178,38 +176,18 @@ def given_up(
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class OtherGains(Change):
-    """By how much the computed torque of some joints' drives is larger than the one that acts, in parts of that.
+class OtherGains(RelativeGains):
+    """Gains of the whole computed torque."""
 
-    Beyond what the robot declares.
-    """
-
-    joints: tuple[int, ...]
-    known: tuple[float, ...] = ()
-    """What the robot declares: computed over acting torque, (n,)."""
     kind = effect_that(of_drive="gain")
-    most = 3.0
 
     def ratio(self, count: int, values: Array) -> Array:
-        """Return the computed torque over the one that acts, never one of no size, (count,)."""
-        found = super().ratio(count, values)
-        found[list(self.joints)] = np.maximum(1.0 + values, LEAST_RATIO)
-        return found
+        """Return the computed torque over the one that acts, (count,)."""
+        return self.over(count, values)
 
     def run(self, plain: Run, values: Array) -> Run:
         """Return the stretch under drives of these gains."""
-        return plain.delivering(self.ratio(plain.measured.shape[1], values))
-
-    def named(self, fit: TrajectoryFit, values: Array) -> Array:
-        """Return the whole gains."""
-        found: Array = np.array(self.known)[list(self.joints)] * (1.0 + values) - 1.0
-        return found
-
-    def spread(self, fit: TrajectoryFit, deviations: Array) -> Array:
-        """Return their standard errors."""
-        found: Array = np.array(self.known)[list(self.joints)] * deviations
-        return found
+        return plain.delivering(self.over(plain.measured.shape[1], values))
 
     def moved(self, fit: TrajectoryFit, level: Robot, values: Array) -> Sequence[Array]:
         """Return what other torques of these drives do."""

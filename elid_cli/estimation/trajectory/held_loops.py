@@ -47,7 +47,7 @@ AT_NOISE = 1.03
 ALWAYS = 0
 """Said of loops that act all the time."""
 NEARLY = 0.1
-"""The same where commands change all the time: how late loops take them is well known then."""
+"""What `WHOLE` is where commands change all the time: how late loops take them is well known then."""
 ELSEWHERE = 1.0
 """Sum over the joints of the logarithm by which loops are farther that take commands at another time."""
 PROBED = 2.5e-3, 5e-3
