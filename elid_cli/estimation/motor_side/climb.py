@@ -21,7 +21,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_sensors import KINDS
 from elid_cli.estimation.motor_side.link_side import LinkTerms
 from elid_cli.estimation.motor_side.motor_log import MotorLog
-from elid_cli.estimation.motor_side.operators import KnotSpline, filtered, quick_length
+from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
 from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, ClimbEnd, highest, met, rungs
 from elid_cli.estimation.motor_side.unknowns import (
     DAMPING_SPREAD,
@@ -104,7 +104,9 @@ class Climb:
         self._stride = max(1, int(1 / (_RATE * cut * self.log.dt)))
         self._reach = reach
         self._window = self._taper(reach)[:: self._stride]
-        self._size = quick_length(len(self._window))
+        from scipy.fft import next_fast_len
+
+        self._size = next_fast_len(len(self._window), real=True)
         self._frequencies = np.fft.rfftfreq(self._size, self._stride * self.log.dt)
         self._scale = self._stride / np.sqrt(0.95 * self.log.count / 2)
         self._band = self._whole.every(self._stride)

@@ -18,7 +18,6 @@ from elid_cli.estimation.validation.verdicts import WEAK, torque_scale
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.signals import Signals
-from elid_cli.signals.zero_phase import zero_phase
 
 if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
@@ -57,7 +56,9 @@ def with_links(signals: Signals, side: MotorSide, rigid: Identification) -> Sign
     values = dict(zip(rigid.base.parameters, rigid.standard.tolist(), strict=True))
     motion, tau = signals.motion, signals.tau.copy()
     states = {name: getattr(motion, name).copy() for name in ("q", "dq", "ddq", "ddtheta")}
-    cutoff = min(PAST * signals.filter.cutoff, 0.4 / signals.dt)
+    from scipy.signal import butter, sosfiltfilt
+
+    low = butter(4, min(PAST * signals.filter.cutoff, 0.4 / signals.dt), fs=1 / signals.dt, output="sos")
     for joint in joints:
         k = joint.number
         coulomb, viscous = (values.get(StandardParameter(kind, k), 0.0) for kind in ("fs", "fv"))
@@ -65,7 +66,7 @@ def with_links(signals: Signals, side: MotorSide, rigid: Identification) -> Sign
             part = slice(segment.start, segment.stop)
             speed = motion.dtheta[part, k]
             load = tau[part, k] - joint.rotor * motion.ddtheta[part, k] - coulomb * np.sign(speed) - viscous * speed
-            yields = [zero_phase(load, cutoff, signals.dt) / joint.stiffness]
+            yields = [sosfiltfilt(low, load) / joint.stiffness]
             for _ in range(2):
                 yields.append(np.gradient(yields[-1], signals.dt))
             for name, wave in zip(("q", "dq", "ddq", "ddtheta"), (*yields, yields[2]), strict=True):

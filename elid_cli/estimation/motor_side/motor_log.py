@@ -15,7 +15,6 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_sensors import LinkSensors
 from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, WIDTH, stencil, thin
-from elid_cli.signals.cubic import CubicSpline
 
 HIGHEST = 70.0
 """Limit of a band, Hz: above, splines would need too many knots."""
@@ -145,12 +144,14 @@ class MotorLog:
         return stencil(self.count, 1, SHORT_WIDTH, self.dt), stencil(self.count, 2, SHORT_WIDTH, self.dt)
 
     @cached_property
-    def _acting(self) -> CubicSpline:
+    def _acting(self) -> Any:
+        from scipy.interpolate import CubicSpline
+
         return CubicSpline(self.t, self.tau)
 
     def torque_at(self, delay: float) -> Array:
         """Return the torques as they acted `delay` s before, (N, n)."""
-        return self.tau if delay == 0 else self._acting(self.t - delay)
+        return self.tau if delay == 0 else np.asarray(self._acting(self.t - delay))
 
     def direction(self, speed: Array, acceleration: Array) -> Array:
         """Return friction's smooth sign of the speed under the thinning kernel, (N, n)."""

@@ -163,10 +163,3 @@ def upper_band(matrix: Any, width: int | None = None, ridge: float = 0.0) -> Arr
     np.add.at(band, (reach + row - column, column), data)
     band[reach] += ridge * band[reach].max()
     return band
-
-
-def quick_length(count: int) -> int:
-    """Return the least length from `count` on that has no prime factor above 5: its spectrum is quick."""
-    most = range(count.bit_length() + 1)
-    parts = [int(3**b * 5**c) for b in most for c in most]
-    return min(part << max(0, (-(-count // part) - 1).bit_length()) for part in parts)
