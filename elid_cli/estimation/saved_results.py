@@ -14,6 +14,7 @@ from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
 from elid_cli.tables import Shown
 
+SCHEMA = "elid/1"
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""
 
@@ -51,7 +52,8 @@ def saved_object(path: str | Path, again: str = AGAIN) -> Mapping[str, Any]:
     except (ValueError, RecursionError) as problem:
         where = f"{path}:{problem.lineno}" if isinstance(problem, json.JSONDecodeError) else str(path)
         raise UsageError(f"{where}: not JSON", hint=again) from None
-    if not isinstance(data, dict) or data.get("schema") != "elid/1":
+    # what Python saves of a result's own `to_dict` has no head
+    if not isinstance(data, dict) or data.get("schema", SCHEMA if "base_parameters" in data else None) != SCHEMA:
         raise UsageError(f"{path}: not a result of elid", hint=again)
     check_numbers(data, str(path))
     return data
