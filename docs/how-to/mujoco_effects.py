@@ -31,6 +31,9 @@ LAWS = {
         p["amplitude"] * np.exp(-(max(abs(v) / p["velocity"], 1e-12) ** p.get("exponent", 1)))
     ),
     "load_friction": lambda p, v, x, s, bend, rate, load, torque: p["coefficient"] * abs(load),
+    "backdriving_friction": lambda p, v, x, s, bend, rate, load, torque: (
+        p["coefficient"] * (abs(load) * s - load * abs(s)) / 2
+    ),
     "position_friction": lambda p, v, x, s, bend, rate, load, torque: (
         p["amplitude"] * np.sin(p["order"] * x + p["phase"])
     ),

@@ -18,13 +18,23 @@ def in_forms(effect: FoundEffect, forms: Sequence[OtherForm]) -> FoundEffect:
 
     They do not where a value has the other sign: friction that falls from standstill and friction that rises.
     """
+    return replace(_reaching(effect, [form.parameters for form in forms]), forms=tuple(forms))
+
+
+def beside_rivals(effect: FoundEffect, rivals: Sequence[Rival]) -> FoundEffect:
+    """Return an effect whose 95 % intervals reach to its values with the rivals of other effects in their place."""
+    own = (effect.effect, effect.joint)
+    return _reaching(effect, [e.parameters for r in rivals for e in r.beside if (e.effect, e.joint) == own])
+
+
+def _reaching(effect: FoundEffect, others: Sequence[Mapping[str, float]]) -> FoundEffect:
     wider = dict(effect.std_error)
-    for form in forms:
-        if all(_alike(effect.parameters, form.parameters, name) for name in form.parameters):
+    for values in others:
+        if all(_alike(effect.parameters, values, name) for name in values):
             for name, error in wider.items():
-                apart = form.parameters.get(name, effect.parameters[name]) - effect.parameters[name]
+                apart = values.get(name, effect.parameters[name]) - effect.parameters[name]
                 wider[name] = float(np.hypot(error, apart / REACH))
-    return replace(effect, forms=tuple(forms), std_error=wider)
+    return replace(effect, std_error=wider)
 
 
 def _alike(one: Mapping[str, float], other: Mapping[str, float], name: str) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Required, TypedDict
 
 import numpy as np
@@ -13,13 +14,13 @@ from elid_cli.diagnosis.evidence.held_out import held_out_share
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.diagnosis.search.acceptance import touched
-from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
-from elid_cli.diagnosis.search.other_forms import moved_between
+from elid_cli.diagnosis.search.other_forms import MOVED, moved_between
 from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.steps import NEAR, NEAR_SHARE, TWIN_SHARE, Step, are_twins
 from elid_cli.estimation.regression.effect_columns import scene_of
-from elid_cli.model.effects import effect_classes, effect_that
+from elid_cli.model.effects import effect_classes, effect_that, twins_of
+from elid_cli.model.effects.effect import Effect, Same
 from elid_cli.model.effects.posed import turns_model
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
@@ -61,69 +62,111 @@ def rivals_of(state: State, declared: int, steps: Sequence[Step], effects: Seque
     robot = state.log.model.robot
     named = {(e.effect, e.joint) for e in effects}
     rivals: dict[tuple[str, str | None], Rival] = {}
+    said = dict(enumerate(effects, start=declared))
     for number, (step, effect) in enumerate(zip(steps, effects, strict=True), start=declared):
         own = state.effects[number]
         for twin in type(own).same_here(state.scene, own.joint, effect.parameters):
             kind = effect_classes()[twin.effect]
             place = (twin.effect, None if kind.whole_robot else robot.joint_names[twin.joint])
             if place not in named:
-                rivals[place] = Rival(
-                    *place, effect.effect, effect.gain, dict(twin.values), kind.record, at=effect.joint
-                )
-        for candidate in step.rivals:
-            joint = state.joint_of(candidate.effect)
-            key = (candidate.effect.name, joint)
+                fitted = _twin_in_its_place(state, number, twin, said)
+                alike = fitted or _InPlace(gain=effect.gain, parameters=twin.values)
+                rivals[place] = Rival(*place, effect.effect, separate=kind.record, at=effect.joint, **alike)
+        for other, values, twins in _others(state, number, step):
+            key = (other.name, state.joint_of(other))
             if key in named or key in rivals:
                 continue
-            twins = are_twins(step.candidate, candidate)
-            there = _in_its_place(state, number, candidate, twins=twins)
+            there = _in_its_place(state, number, other, values, said, twins=twins)
             if there is not None:
-                rivals[key] = Rival(*key, effect.effect, separate=candidate.effect.record, at=effect.joint, **there)
+                rivals[key] = Rival(*key, effect.effect, separate=other.record, at=effect.joint, **there)
     for rival in _together(robot, effects):
         rivals.setdefault((rival.effect, rival.joint), rival)
     return tuple(rivals.values())
+
+
+def _others(state: State, number: int, step: Step) -> Iterator[tuple[Effect, Mapping[str, float], bool]]:
+    """Yield what is tried in the place of effect `number`, with what is known of its values, and whether it is a twin.
+
+    Beside what the search could not tell from it these are declared twins at joints that have what they come with, and
+    what the effect itself comes with: the search screened them with what the model knew then.
+    """
+    for candidate in step.rivals:
+        yield candidate.effect, candidate.values, are_twins(step.candidate, candidate)
+    own = state.effects[number]
+    for name in twins_of(type(own)):
+        kind = effect_classes()[name]
+        places = {e.joint for k, e in enumerate(state.effects) if k != number and e.name in kind.comes_with}
+        yield from ((kind(joint), {}, True) for joint in sorted(places) if not kind.shapes)
+    for name in type(own).comes_with:
+        yield effect_classes()[name](own.joint), {}, True
 
 
 class _InPlace(TypedDict, total=False):
     """What a rival is in the place of the named effect (`Rival`)."""
 
     gain: Required[float]
-    behind: Required[float]
+    behind: float
     parameters: Required[Mapping[str, float]]
     std_error: Mapping[str, float]
     change: Array
     further: Array
     moved: tuple[tuple[str, float], ...]
+    beside: tuple[FoundEffect, ...]
 
 
-def _in_its_place(state: State, number: int, rival: Candidate, *, twins: bool) -> _InPlace | None:
+def _twin_in_its_place(state: State, number: int, twin: Same, named: Mapping[int, FoundEffect]) -> _InPlace | None:
+    """Return what an effect's other name is in its place, with what it does there to the parameters; None: no fit."""
+    kind = effect_classes()[twin.effect]
+    if any(p.name not in twin.values for p in kind.shapes):
+        return None
+    shape = tuple(twin.values[p.name] for p in kind.shapes)
+    return _in_its_place(state, number, kind(twin.joint, shape), twin.values, named, twins=True)
+
+
+def _in_its_place(
+    state: State, number: int, rival: Effect, values: Mapping[str, float], named: Mapping[int, FoundEffect],
+    *, twins: bool,
+) -> _InPlace | None:  # fmt: skip
     """Return what a rival is from a fit with it in the place of effect `number`; None where it does not explain that.
+
+    `named` are what is said of the effects, by number.
 
     It came as near as that beside what was known when the effect was found. What it explained then may have been
     another effect's, which is in the model now: it must come as near again, `twins` as near as twins do.
     """
     lacking = without(state, number)
     log, scene = lacking.log, lacking.scene
-    if turns_model(type(rival.effect)):  # begun where it was found: the first step from nothing may lead elsewhere
-        log = log.posed(log.pose.moved(rival.effect, np.array(list(rival.values.values()))))
+    if turns_model(type(rival)):  # begun where it was found: the first step from nothing may lead elsewhere
+        log = log.posed(log.pose.moved(rival, np.array(list(values.values()))))
         scene = scene_of(log.model, log.signals, lacking.standard)
-    other = refreshed(fit(log, (*lacking.effects, rival.effect), scene, but=lacking.but))
+    other = refreshed(fit(log, (*lacking.effects, rival), scene, but=lacking.but))
     last = len(other.effects) - 1
     gain, behind, worth = _explained(lacking, state, other, number), _behind(state, other), _behind(state, lacking)
     near = behind < max(NEAR, NEAR_SHARE * worth) or (twins and behind < (1.0 - TWIN_SHARE) * worth)
     if gain is None or not (near and behind < (1.0 - MOST) * max(worth, 0.0)):
         return None
-    told, values = _InPlace(gain=gain, behind=behind, parameters=rival.values), other.named(last)
-    if not sensible(other.effects[last], other.scene, values):
-        return told
+    told, fitted = _InPlace(gain=gain, behind=behind, parameters=values), other.named(last)
+    if not sensible(other.effects[last], other.scene, fitted):
+        return told if values else None
     change, moved = moved_between(state, other)
     (_, own, known), (_, there, still) = (one.base_values(state.log.base) for one in (state, other))
     further = np.where(known & still, np.sqrt(np.maximum(there**2 - own**2, 0.0)), 0.0)
     errors = standard_errors(other, last)
     return told | _InPlace(
-        gain=gain, behind=told["behind"], parameters=values, std_error=errors, change=change, further=further,
-        moved=moved,
+        gain=gain, behind=behind, parameters=fitted, std_error=errors, change=change, further=further,
+        moved=moved, beside=tuple(_moved_effects(other, number, named)),
     )  # fmt: skip
+
+
+def _moved_effects(other: State, number: int, named: Mapping[int, FoundEffect]) -> Iterator[FoundEffect]:
+    """Yield the named effects that a state without effect `number` has with other values, as they are there."""
+    for k, effect in named.items():
+        if k == number:
+            continue
+        values = other.named(k if k < number else k - 1)
+        errors = effect.std_error
+        if any(abs(values[p] - effect.parameters[p]) > MOVED * errors[p] for p in errors.keys() & values.keys()):
+            yield replace(effect, parameters=values)
 
 
 def _behind(state: State, other: State) -> float:

@@ -11,7 +11,7 @@ from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State
-from elid_cli.diagnosis.form_errors import in_forms
+from elid_cli.diagnosis.form_errors import beside_rivals, in_forms
 from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Nearest, OtherForm, Unexplained
 from elid_cli.diagnosis.rivals import rivals_of, rivals_of_skews
@@ -53,6 +53,8 @@ def result(
         in_forms(_found(after, k, step, found.terms), forms.get(k, ()))
         for k, step in enumerate(found.steps, start=declared)
     )
+    rivals = rivals_of(after, declared, found.steps, effects)
+    effects = tuple(beside_rivals(effect, rivals) for effect in effects)
     known = declared + len(found.steps)
     terms = tuple(_term(after, k, term) for k, term in sorted(found.terms.items()) if k >= known)
     fitted = {e.joint for e in after.effects if e.corrects == "link"}
@@ -67,7 +69,7 @@ def result(
         before=floored(validations[0].error, robot.joint_names, before.floor.rms),
         after=last_error,
         effects=(*seen, *effects, *terms),
-        also_possible=(*rivals_of(after, declared, found.steps, effects), *rivals_of_skews(robot, found.skews)),
+        also_possible=(*rivals, *rivals_of_skews(robot, found.skews)),
         nuisances=(
             *_nuisances(after),
             *(_kept(after, k) for k in range(declared - found.kept, declared)),

@@ -26,10 +26,16 @@ def _quadratic(w: World) -> np.ndarray:
     return -3 * (w.arm.coulomb[JOINT] + w.arm.viscous[JOINT]) * np.sign(speed) * speed**2
 
 
+def _driven(w: World) -> np.ndarray:
+    load, direction = w.spring[:, JOINT], np.sign(w.dtheta[:, JOINT])
+    return np.where(load * direction < 0, np.abs(load) * direction, 0.0)
+
+
 PUSHING: dict[str, tuple[bool, Callable[[World], np.ndarray]]] = {
     "stribeck": (True, _stribeck),
     "quadratic_viscous": (True, _quadratic),
     "load_friction": (True, lambda w: -0.3 * np.abs(w.spring[:, JOINT]) * np.sign(w.dtheta[:, JOINT])),
+    "backdriving_friction": (True, lambda w: -0.3 * _driven(w)),
     "asymmetric_coulomb": (True, lambda w: 3 * w.arm.coulomb[JOINT] * np.abs(np.sign(w.dtheta[:, JOINT]))),
     "position_friction": (
         True,

@@ -149,7 +149,7 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     able = [c for c in candidates if c.supported and c.net > threshold and _within(state, c)]
     if not able:
         return None
-    step = best_step(able)
+    step = best_step(able, state.effects)
     return _possible(state, step, candidates) if state.impossible else step
 
 

@@ -92,9 +92,11 @@ def _single(
         effect = state.effects[last]
         if not sensible(effect, state.scene, state.named(last)) or not state.impossible <= both.impossible:
             continue
-        if left_out_error(state, both, rows) > (1 + AS_WELL) * left_out_error(both, both, rows):
+        # with rows that the one makes worse, through parameters that they share with those that it acts on
+        judges = [*rows, *(row for row in touched(state, both, ()) if row not in rows)]
+        if left_out_error(state, both, judges) > (1 + AS_WELL) * left_out_error(both, both, judges):
             continue
-        if held_out_share(both, state, rows) < -AS_WELL or held_out_gain(state, last) < effect.least_gain:
+        if held_out_share(both, state, judges) < -AS_WELL or held_out_gain(state, last) < effect.least_gain:
             continue
         if survival(state, last, left_out(state)).survives:
             return state, candidate

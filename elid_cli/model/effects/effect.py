@@ -100,6 +100,11 @@ class Effect(ABC):
     """A value of every parameter that a file must give, such as a robot of some kg and some 100 N·m may have."""
     twins: ClassVar[tuple[str, ...]] = ()
     """Effects that no data, or only special data, can tell apart from this one; see `twins_of`."""
+    taken: ClassVar[str] = ""
+    """What its form takes for granted that hardly any log tells, as sentences; a joint that has an effect which
+    `comes_with` it has been asked."""
+    comes_with: ClassVar[tuple[str, ...]] = ()
+    """Effects that a joint which has it has as a rule: of what a log cannot tell apart, they are named beside it."""
     elastic_only: ClassVar[bool] = False
     """Whether the effect needs an elastic transmission."""
     strains_spring: ClassVar[bool] = False

@@ -12,10 +12,11 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import Identification
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
+from elid_cli.report.answers.diagnosis_tables import also_words
 from elid_cli.report.answers.identification_json import error_payload as errors
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload
-from elid_cli.report.answers.missing import curve_words, own_elasticity
+from elid_cli.report.answers.missing import curve_words
 from elid_cli.report.tree import picked
 
 
@@ -97,7 +98,7 @@ def _side(
 
 def _effect_payload(found: Diagnosis, contribution: Contribution) -> dict[str, Any]:
     effect = contribution.effect
-    curve, also = curve_words(effect), own_elasticity(found, effect)
+    curve, also = curve_words(effect), also_words(found, effect)
     sums = {} if curve else effect_classes()[effect.effect].in_sums(found.robot, effect.joint)
     payload = {
         **picked(effect, "effect joint parameters std_error gain"),

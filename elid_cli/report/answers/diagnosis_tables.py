@@ -123,7 +123,7 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         side = EQUATIONS.get(c.rows, c.rows) + (f" of {c.joint}" if joint not in (None, c.joint) else "")
         rows.append((Mark(name, "warn"), where, side, error, percent(_explained(c), 2), worst))
         fit = "a poor fit: " if joint in poor else ""
-        own = missing.own_elasticity(found, c.effect)
+        own = also_words(found, c.effect)
         meaning = fit + _meaning_of(robot, [term.effect for term in terms]) + (f". {own}" if own else "")
         meaning += "".join(f"; {_form_words(robot, c.effect, form)}" for form in c.effect.forms)
         meanings.append((missing.whose(name, joint), meaning))
@@ -141,6 +141,14 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         )
     table = Table(key, tuple(columns), tuple(rows), title=title, note=note)
     return [table, KeyValues(f"{key}_meaning", tuple(meanings))]
+
+
+def also_words(found: Diagnosis, effect: FoundEffect) -> str:
+    """Return what else an effect may be, or what it takes for granted; nothing of most."""
+    beside = {(other, e.joint) for e in found.effects for other in effect_classes()[e.effect].comes_with}
+    kind = effect_classes()[effect.effect]
+    asked = (effect.effect, effect.joint) in beside
+    return missing.own_elasticity(found, effect) or ("" if asked else kind.taken)
 
 
 def _explained(c: Contribution) -> float:

@@ -23,6 +23,10 @@ class LoadFriction(Effect):
     typical = "coefficient 0.03-0.3 (gear efficiency 97-75 %)"
     fingerprint = "motor side and whole joint, the product of direction of motion and size of the load"
     record = "the same speeds under different gravity loads, in both directions"
+    taken = (
+        "It is taken to be the same whether the motor drives the load or the load drives the motor. If it differs by d"
+        " at every joint, no log tells: masses, inertias and stiffnesses are then off by d/2"
+    )
     place = "motor"
     takes_energy = True
     acts_as = "friction"
