@@ -50,6 +50,8 @@ def remedies(
     if not hopeless:
         found += _longer(first, second, judged(states)) or _faster(first, second, states, judged)
     records = dict.fromkeys((first.kind.record, second.kind.record))
+    if hopeless and first.kind is second.kind:  # what shows such an effect shows it at either joint
+        records = dict.fromkeys((f"{first.kind.name.replace('_', ' ')} of one of the joints, measured by itself",))
     return (*found, *(Remedy("record", words) for words in records))
 
 

@@ -138,8 +138,8 @@ def _tables(found: Trends) -> list[Section]:
         *Column.numbers(within="within", between="between", slope="slope", reach="± 95 %"),
     )
     note = (
-        f"within: standard error of one recording; between: spread of recordings beyond that; slope: per {found.axis}, "
-        "with the half width of its 95 % interval"
+        "within: standard error of one recording; between: spread of recordings beyond that, any trend included; "
+        f"slope: per {found.axis}, with the half width of its 95 % interval"
     )
     tables: list[Section] = []
     groups = {word: [item for item in found.trends if _of_others(item) == word] for word in WORDS}
