@@ -94,6 +94,7 @@ def test_trend_and_init_name_what_was_given(
     log, file, _ = machine
     assert "is a folder hint: give its files:" in said(["trend", str(tmp_path)], 2, capsys)
     assert "needs --robot hint: elid trend" in said(["trend", str(log)], 2, capsys)
+    assert "gone.csv: no such file" in said(["trend", str(tmp_path / "gone.csv")], 3, capsys)
     assert f"is a log; the robot's file comes first hint: elid init {file} {log}" in said(
         ["init", str(log), str(file)], 2, capsys
     )

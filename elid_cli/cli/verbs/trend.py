@@ -51,12 +51,14 @@ def trend(
     from elid_cli.cli.progress import progress
     from elid_cli.errors import UsageError
     from elid_cli.estimation.saved_results import is_result
+    from elid_cli.logs.source import open_source
 
     logs = [name for name in recordings if not is_result(name)]
     folder = next((name for name in recordings if Path(name).is_dir()), None)
     if folder is not None:
         raise UsageError(f"trend: {folder} is a folder", hint=f"give its files: {Path(folder) / '*'}.json")
     if logs and robot is None:
+        open_source(logs[0])  # where there is none, that is what is said
         raise UsageError(f"trend: {logs[0]} is a log: it is identified first, which needs --robot",
                          hint=f"elid trend {logs[0]} … --robot ROBOT")  # fmt: skip
     with progress(output, "reading") as advance:
