@@ -78,7 +78,9 @@ def rivals_of(state: State, declared: int, steps: Sequence[Step], effects: Seque
                 continue
             there = _in_its_place(state, number, other, values, said, twins=twins)
             if there is not None:
-                rivals[key] = Rival(*key, effect.effect, separate=other.record, at=effect.joint, **there)
+                # of two that imitate each other the one that declares so says what tells them apart
+                record = own.record if other.name in own.twins else other.record
+                rivals[key] = Rival(*key, effect.effect, separate=record, at=effect.joint, **there)
     for rival in _together(robot, effects):
         rivals.setdefault((rival.effect, rival.joint), rival)
     return tuple(rivals.values())

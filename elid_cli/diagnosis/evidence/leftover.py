@@ -27,6 +27,8 @@ MOST = 0.5
 """Part of the held-out residual variance from which an effect explains most of it."""
 NEARLY_ALL = 0.98
 """Part of what is beyond noise that an effect must take where the rest follows the same curves as the effect itself."""
+MOST_STUCK = 0.9
+"""The same where the motor sticks: near standstill that bends any curve, and is left of the right one as well."""
 STICKS = 0.1
 """Part of what is left, beyond what as many other instants hold, near standstill: the motor sticks."""
 SAME = {"deflection": "load", "link speed": "motor speed"}
@@ -84,7 +86,7 @@ def _fits_poorly(lacking: State, state: State, number: int, row: EstimationRow) 
 
     The best curves of what is left count: what follows others is another effect's.
     """
-    if _takes(NEARLY_ALL, lacking, state, row):
+    if _takes(NEARLY_ALL, lacking, state, row) or (_takes(MOST_STUCK, lacking, state, row) and _sticks(state, row)):
         return False
     left = followed_by(state, row)
     torque = state.coefficients(number) @ state.columns[number].rows[row]
