@@ -25,11 +25,11 @@ SPELLED_ALIKE = {
 
 
 def twins(tree: ast.AST) -> set[int]:
-    """Return the strings of ``twins = …`` and of ``Same(…)``."""
+    """Return the strings of ``twins = …``, ``comes_with = …`` and of ``Same(…)``."""
     places = [
         node
         for node in ast.walk(tree)
-        if (isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "twins")
+        if (isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in ("twins", "comes_with"))
         or (isinstance(node, ast.Call) and ast.unparse(node.func) == "Same")
     ]
     return {id(part) for place in places for part in ast.walk(place)}

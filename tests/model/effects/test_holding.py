@@ -29,7 +29,7 @@ def test_friction_of_a_joint_that_stopped_is_a_grip_and_no_push(name: str) -> No
     speed = np.zeros((count, 2))
     speed[: count // 2] = 0.5
     q = np.cumsum(speed, axis=0) * 0.01
-    still, load = np.zeros_like(q), np.full_like(q, 3.0)
+    still, load = np.zeros_like(q), np.full_like(q, -3.0)  # the load drives the motor
     motion = Motion(0.01 * np.arange(count), q, speed, still, q, speed, still)
     scene = Scene(
         robot, motion, 0.01, load, load, load, np.nan_to_num(robot.reference()), count * 0.01, np.full(2, np.nan)
