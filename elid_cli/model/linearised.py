@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.model.coordinates import chains_of, coordinates_of, side_by_side
@@ -90,6 +92,19 @@ class Linearised:
         self.coordinates = coordinates_of(robot)
         self._chain = chains_of(robot)
 
+    @cached_property
+    def chains(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Coordinates of the chains of joints that couple, (L, s), those of one length together, and their joints.
+
+        The joint is that whose motor drives the coordinate; -1 where none does.
+        """
+        places, found = self.coordinates.motors, []
+        for group in _coupled(self.robot):
+            taken = np.array([np.unique(np.concatenate([chain, places[chain]])) for chain in group])
+            motors = [[np.flatnonzero(places == c) for c in row] for row in taken]
+            found.append((taken, np.array([[int(own[0]) if len(own) else -1 for own in row] for row in motors])))
+        return found
+
     def about(self, x: Array, v: Array, dt: float | None = None, finer: int = 1) -> Local:
         """Return the equations about a motion x (N, S, m) with velocities v, every `dt`, `finer` times per sample.
 
@@ -150,3 +165,15 @@ class Linearised:
         found[:, :n] = out[:n].T
         found[:, own] += out[n:].T
         return found
+
+
+def _coupled(robot: Robot) -> list[list[NDArray[np.intp]]]:
+    """Return the chains of joints that carry each other or a common joint, those of one length together."""
+    roots: dict[int, list[int]] = {}
+    for k in range(robot.n):
+        roots.setdefault(robot.ancestors[k][0], []).append(k)
+    lengths: dict[tuple[bool, ...], list[NDArray[np.intp]]] = {}
+    for chain in roots.values():
+        kinds = tuple(robot.joints[k].elastic for k in chain)
+        lengths.setdefault(kinds, []).append(np.array(chain, dtype=np.intp))
+    return list(lengths.values())

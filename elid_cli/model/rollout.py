@@ -20,7 +20,6 @@ from elid_cli._types import Array
 from elid_cli.model.drives import Drives, Fading, Joints
 from elid_cli.model.linearised import Linearised, Local
 from elid_cli.model.rollout_steps import advance
-from elid_cli.robot.robot import Robot
 
 STEP = 1.1e-3
 """Longest step, s: 1 ms at the usual rates."""
@@ -110,11 +109,7 @@ def variants_of(
     variants = joints.coulomb.shape[0]
     positions = np.empty((instants, variants, stretches, count))
     velocities = np.empty_like(positions)
-    places = equations.coordinates.motors
-    for group in _coupled(equations.robot):
-        coordinates = [np.unique(np.concatenate([chain, places[chain]])) for chain in group]
-        taken = np.array(coordinates)  # (L, s)
-        motors = np.array([[np.flatnonzero(places == c) for c in row] for row in taken], dtype=object)
+    for taken, owner in equations.chains:
         moved = Local(
             local.mass[:, :, taken[:, :, None], taken[:, None]],
             local.force[:, :, taken],
@@ -123,7 +118,6 @@ def variants_of(
             local.place[:, :, taken],
             local.speed[:, :, taken],
         )
-        owner = np.array([[int(own[0]) if len(own) else -1 for own in row] for row in motors])
         x, v = advance(
             moved, (start[0][:, taken], start[1][:, taken]), _on(drives, owner, local.finer),
             _of(joints, owner, taken), dt,
@@ -192,15 +186,3 @@ def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joi
         fading = Fading(of_motors(fading.friction), of_motors(fading.width), of_motors(fading.lead))
     push, grip = over_time(joints.push), over_time(joints.grip)
     return Joints(inertia, coulomb, viscous, offset, push, grip, fading=fading)
-
-
-def _coupled(robot: Robot) -> list[list[NDArray[np.intp]]]:
-    """Return the chains of joints that carry each other or a common joint, those of one length together."""
-    roots: dict[int, list[int]] = {}
-    for k in range(robot.n):
-        roots.setdefault(robot.ancestors[k][0], []).append(k)
-    lengths: dict[tuple[bool, ...], list[NDArray[np.intp]]] = {}
-    for chain in roots.values():
-        kinds = tuple(robot.joints[k].elastic for k in chain)
-        lengths.setdefault(kinds, []).append(np.array(chain, dtype=np.intp))
-    return list(lengths.values())

@@ -36,7 +36,10 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
         drives.told, drives.kp, drives.kd, ki, holds, lag, since, *weights, *start,
     )  # fmt: skip
     # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
-    ready = (np.require(values, requirements=("C", "W")) for values in (*arrays, *flat))
+    ready = (
+        values if values.flags.c_contiguous and values.flags.writeable else np.array(values, order="C")
+        for values in (*arrays, *flat)
+    )
     with np.errstate(all="ignore"):  # of what runs away, as the compiled loops have it
         take(*ready, dt, 0.5 if drives.stepped is None else 0.0, float(drives.stepped == "implicit"), x, v)
     return x, v

@@ -69,8 +69,14 @@ def white_covariance(matrix: Array, more: float) -> Array:
 
 def steps_without(matrix: Array, load: Array, more: float) -> Array:
     """Return the steps without each of B blocks in turn, (B, U), of normal equations by block, (B, U, U), (B, U)."""
-    whole, pull = matrix.sum(axis=0), load.sum(axis=0)
-    return np.array([step_of(whole - m, pull - g, more) for m, g in zip(matrix, load, strict=True)])
+    left, pull = matrix.sum(axis=0) - matrix, load.sum(axis=0) - load
+    # as `step_of`, all blocks at once
+    scale = np.sqrt(np.maximum(np.diagonal(left, axis1=1, axis2=2), 1e-300))
+    left /= scale[:, :, None] * scale[:, None, :]
+    own = np.arange(load.shape[1])
+    left[:, own, own] += more
+    found: Array = -np.linalg.solve(left, (pull / scale)[:, :, None])[:, :, 0] / scale
+    return found
 
 
 def jackknife(left_out: Array, about: float | None = None) -> Array:

@@ -96,19 +96,24 @@ def summed(
         np.zeros((parts, count, count)),
         np.zeros((parts, count)),
     )
+    every = unknowns.chain_of == len(unknowns.chains)
     for chain, joints in enumerate(unknowns.chains):  # their unknowns and the delays move them, no others
-        own = np.flatnonzero(np.isin(unknowns.chain_of, (chain, len(unknowns.chains))))
-        both = np.ix_(own, own)
+        own = np.flatnonzero((unknowns.chain_of == chain) | every)
+        products, pulls = np.empty((parts, len(own), len(own))), np.empty((parts, len(own)))
         light = columns[:, joints[:, None], own] * scale[:, joints, None]
         bending = light * bend[joints, None]
         force = seen.error[:, joints] * scale[:, joints]
-        for k, (a, b) in enumerate(pairwise(at)):
+        for k, (a, b) in enumerate(pairwise(at.tolist())):
             bent = bending[a:b].reshape(-1, len(own))
-            loads[k, own] += light[a:b].reshape(-1, len(own)).T @ force[a:b].ravel()
-            matrices[k][both] += bent.T @ bent
-        for k, (a, b) in enumerate(pairwise(edges) if whole else ()):
+            np.matmul(light[a:b].reshape(-1, len(own)).T, force[a:b].ravel(), out=pulls[k])
+            np.matmul(bent.T, bent, out=products[k])
+        loads[:, own] += pulls
+        matrices[:, own[:, None], own] += products
+        for k, (a, b) in enumerate(pairwise(edges.tolist()) if whole else ()):
             flat = light[a:b].reshape(-1, len(own))
-            straight[k][both] += flat.T @ flat
+            np.matmul(flat.T, flat, out=products[k])
+        if whole:
+            straight[:, own[:, None], own] += products[:BLOCKS]
     sums = (part.reshape(BLOCKS, -1, *part.shape[1:]).sum(axis=1) for part in (matrices, loads))
     short = slice(None) if whole else slice(0)
 
