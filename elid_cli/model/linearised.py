@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,6 +18,8 @@ from elid_cli.signals.motion import Motion
 
 DIRECTION = 7
 """Number of the motor's direction among a joint's inputs."""
+RATES = range(3, 7)
+"""Numbers of its velocities and accelerations among them."""
 SLIGHT = 1e-5
 """Change of position, rad (m), or velocity for the slope of the torques."""
 
@@ -91,6 +93,7 @@ class Linearised:
         self.robot = robot
         self.coordinates = coordinates_of(robot)
         self._chain = chains_of(robot)
+        self._rates = {INPUTS * joint + slot for joint in range(robot.n) for slot in RATES}
 
     @cached_property
     def chains(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
@@ -114,17 +117,17 @@ class Linearised:
         flat, speed = x.reshape(-1, count), v.reshape(-1, count)
         still, none = np.zeros_like(flat), np.zeros_like(flat)
         gained = none if dt is None else np.gradient(v, dt, axis=0).reshape(-1, count)
-        moving, resting, whole = (
-            self._inputs(flat, *states) for states in ((speed, none), (still, none), (speed, gained))
-        )
+        resting = self._inputs(flat, still, none)
+        moving = self._again(resting, flat, speed, none)
+        whole = self._again(moving, flat, speed, gained)
         force, rest, needed = (self._torques(inputs) for inputs in (moving, resting, whole))
         mass, slope, swerve = np.empty((3, *flat.shape, count))
         for moved in side_by_side(self._chain):
             unit = np.zeros_like(flat)
             unit[:, moved] = 1.0
-            pulled = self._beside(resting, moved, flat, still, unit) - rest
+            pulled = self._beside(resting, moved, flat, still, unit, self._rates) - rest
             bent = (self._beside(whole, moved, flat + SLIGHT * unit, speed, gained) - needed) / SLIGHT
-            swerved = (self._beside(moving, moved, flat, speed + SLIGHT * unit, none) - force) / SLIGHT
+            swerved = (self._beside(moving, moved, flat, speed + SLIGHT * unit, none, self._rates) - force) / SLIGHT
             for k in moved:
                 own = self._chain == self._chain[k]
                 mass[:, :, k], slope[:, :, k] = np.where(own, pulled, 0.0), np.where(own, bent, 0.0)
@@ -143,14 +146,26 @@ class Linearised:
         inputs[DIRECTION::INPUTS] = 0.0
         return inputs
 
-    def _beside(self, inputs: Array, moved: Sequence[int], x: Array, v: Array, a: Array) -> Array:
-        """Return the torques of a motion that differs at some coordinates from the one that the inputs are of."""
-        motion, every = self._motion(x, v, a), range(len(inputs))
+    def _again(self, inputs: Array, x: Array, v: Array, a: Array) -> Array:
+        """Return the inputs of a motion at the same positions as the one that inputs are of."""
+        motion, found = self._motion(x, v, a), inputs.copy()
+        for joint in range(self.robot.n):
+            fill_inputs(found, motion, joint, self._rates)
+        return found
+
+    def _beside(
+        self, inputs: Array, moved: Sequence[int], x: Array, v: Array, a: Array, used: Container[int] | None = None
+    ) -> Array:
+        """Return the torques of a motion that differs at some coordinates from the one that the inputs are of.
+
+        `used`: the inputs that may differ; None: all.
+        """
+        motion = self._motion(x, v, a)
         joints = [k for k, own in enumerate(self.coordinates.motors.tolist()) if k in moved or own in moved]
         rows = [INPUTS * joint + row for joint in joints for row in range(INPUTS)]
         before = inputs[rows]
         for joint in joints:
-            fill_inputs(inputs, motion, joint, every)
+            fill_inputs(inputs, motion, joint, range(len(inputs)) if used is None else used)
         inputs[DIRECTION::INPUTS] = 0.0
         found = self._torques(inputs)
         inputs[rows] = before

@@ -54,6 +54,8 @@ class Tracked:
     """Usual size of the error, rad (m), (n,): larger ones count less."""
     path: tuple[Array, Array] | None = None
     """The present motion at every instant of the equations; None: at the samples alone."""
+    latest: tuple[Run, float, Run] | None = None
+    """The run and the delay that `as_late` was last asked for, and what it is."""
 
     @classmethod
     def of(cls, run: Run) -> Tracked:
@@ -142,7 +144,13 @@ def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, p
 
 def as_late(item: Tracked, unknowns: Unknowns, z: Array, finer: int = 1) -> Run:
     """Return the run with the delay that its recording has among unknowns (U,)."""
-    return item.run.delayed(np.full(unknowns.robot.n, z[unknowns.delays][item.run.source]), finer=finer)
+    late = float(z[unknowns.delays][item.run.source])
+    if finer == 1 and item.latest is not None and item.latest[0] is item.run and item.latest[1] == late:
+        return item.latest[2]
+    found = item.run.delayed(np.full(unknowns.robot.n, late), finer=finer)
+    if finer == 1:  # a delay that is held stays for many simulations
+        item.latest = item.run, late, found
+    return found
 
 
 def _stepped(
