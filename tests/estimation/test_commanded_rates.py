@@ -31,7 +31,7 @@ def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 def written(folder: Path, name: str, *, rates: bool, seed: int = 3, push: plant.Extra | None = None) -> str:
     """Write a log of drives that are told rates or none, without these."""
-    log = plant.moved(seed, 9.0, push=push, rates=rates)
+    log = plant.moved(seed, 5.5, push=push, rates=rates, sweep=0.33)
     commands = {name: values for name, values in log.commands.items() if name != "dq_des"}
     return plant.written(folder, name, replace(log, tau=np.full_like(log.tau, np.nan), dq=None, commands=commands))
 

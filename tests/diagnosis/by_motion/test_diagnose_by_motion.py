@@ -113,7 +113,8 @@ def test_wrong_gains_are_named_in_place_of_a_spring_and_a_spring_is_no_gain(
     clean = told(capsys, "identify", written(tmp_path, "clean.h5", recording), "--robot", path)
     assert not [w for w in clean["warnings"] if "described bodies need" in w]
     sprung = written(tmp_path, "spring.h5", moved(3, 6.0, push=lambda x, v, load: np.array([1.5, 0, 0]) * (x - 0.3)))
-    found = told(capsys, "diagnose", sprung, "--robot", path)
+    both = ("--only", "link_spring", "--only", "torque_gain")
+    found = told(capsys, "diagnose", sprung, "--robot", path, *both)
     assert {(e["effect"], e["joint"]) for e in found["effects"]} == {("link_spring", "one")}
     assert "torque_gain" not in {r["effect"] for r in found["also_possible"]}
     assert not [w for w in found["warnings"] if "described bodies need" in w]
@@ -275,7 +276,7 @@ def test_recordings_that_do_not_agree_are_told(tmp_path: Path, capsys: pytest.Ca
     logs = []
     for k, stiffness in enumerate((1.5, 1.5, 0.2)):
         spring = np.array([stiffness, 0.0, 0.0])
-        recording = moved(10 + k, 3.5, push=lambda x, v, load, spring=spring: spring * x)
+        recording = moved(10 + k, 2.5, sweep=0.4, push=lambda x, v, load, spring=spring: spring * x)
         logs.append(written(tmp_path, f"run{k}.h5", recording))
     found = told(capsys, "diagnose", *logs, "--robot", robot(tmp_path).source, "--only", "link_spring")
     assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("link_spring", "one")]

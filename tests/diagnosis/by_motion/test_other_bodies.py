@@ -36,7 +36,7 @@ def test_a_lighter_body_is_told_beside_what_imitates_it(tmp_path: Path) -> None:
 
 
 def test_bodies_that_come_nearer_than_effects_are_told_first(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], diagnosed_once: None
 ) -> None:
     path = plant.robot(tmp_path).source
     text = Path(path).read_text()

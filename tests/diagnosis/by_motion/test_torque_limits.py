@@ -18,6 +18,9 @@ from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, VISCOUS, moved, robot, written
 
+FAST = 0.42
+"""Hz/s; a motion that is soon fast reaches the limits in a short log."""
+
 
 @pytest.mark.parametrize(
     ("joint", "limit", "seed", "delay"), [(1, 7.5, 3, 0.0), (0, 15.0, 4, 0.0025), (2, 3.0, 2, 0.0)]
@@ -27,7 +30,7 @@ def test_a_limit_is_found_with_its_error_and_the_rest_is_as_without_it(
 ) -> None:
     arm = robot(tmp_path)
     limits = np.where(np.arange(3) == joint, limit, np.inf)
-    recording = moved(seed, 11.0, delay, sweep=0.22, limit=limits)
+    recording = moved(seed, 6.0, delay, sweep=FAST, limit=limits)
     log = written(tmp_path, "cut.h5", recording)
     found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("saturation", NAMES[joint])]
@@ -51,7 +54,7 @@ def test_a_limit_is_found_with_its_error_and_the_rest_is_as_without_it(
 
 def test_a_limit_is_named_written_and_asked_for_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = robot(tmp_path).source
-    log = written(tmp_path, "cut.h5", moved(3, 11.0, sweep=0.22, limit=np.array([np.inf, 7.5, np.inf])))
+    log = written(tmp_path, "cut.h5", moved(3, 6.0, sweep=FAST, limit=np.array([np.inf, 7.5, np.inf])))
     refined = str(tmp_path / "refined.yaml")
     assert main(["diagnose", log, "--robot", path, "--only", "saturation", "--write-robot", refined]) == 0
     said = " ".join(capsys.readouterr().out.split())
@@ -96,7 +99,7 @@ def test_a_limit_of_the_file_that_the_drive_does_not_have_is_told(
 def test_another_limit_than_the_files_is_found(tmp_path: Path, described: float | None, most: float) -> None:
     arm = robot(tmp_path)
     arm = arm if described is None else with_limits(arm, {1: described})
-    log = written(tmp_path, "cut.h5", moved(3, 11.0, noise=3e-5, sweep=0.22, limit=np.array([np.inf, most, np.inf])))
+    log = written(tmp_path, "cut.h5", moved(3, 6.0, noise=3e-5, sweep=FAST, limit=np.array([np.inf, most, np.inf])))
     found = diagnose_motion(arm, prepare(read_recording([log], arm), arm), None, ("saturation", "velocity_filter"))
     assert [(e.effect, e.joint) for e in found.effects] == [("saturation", "two")]
     (cut,) = found.effects
@@ -110,7 +113,7 @@ def test_an_mjcf_that_lacks_the_delay_has_the_drives_of_a_fit_without_it_within_
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = robot(tmp_path).source, tmp_path / "refined.xml"
-    recording = moved(3, 11.0, 0.004, sweep=0.22, limit=np.array([np.inf, 7.5, np.inf]))
+    recording = moved(3, 6.0, 0.004, sweep=FAST, limit=np.array([np.inf, 7.5, np.inf]))
     log = written(tmp_path, "cut.h5", recording)
     assert main(["diagnose", log, "--robot", path, "--only", "saturation", "--write-robot", str(out)]) == 0
     assert "the parameters are those of a fit without" in capsys.readouterr().err
@@ -124,9 +127,9 @@ def test_an_mjcf_that_lacks_the_delay_has_the_drives_of_a_fit_without_it_within_
 
 def test_a_limit_that_one_of_two_recordings_reaches_is_found(tmp_path: Path) -> None:
     arm, limits = robot(tmp_path), np.array([np.inf, 7.5, np.inf])
-    gentle = moved(4, 8.0, limit=limits)
+    gentle = moved(4, 5.0, limit=limits)
     assert np.abs(computed(gentle)[:, 1]).max() < 7.0
-    logs = [written(tmp_path, "a.h5", moved(3, 11.0, sweep=0.22, limit=limits)), written(tmp_path, "b.h5", gentle)]
+    logs = [written(tmp_path, "a.h5", moved(3, 6.0, sweep=FAST, limit=limits)), written(tmp_path, "b.h5", gentle)]
     found = diagnose_motion(arm, prepare(read_recording(logs, arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("saturation", "two")]
     assert found.effects[0].parameters["limit"] == pytest.approx(7.5, rel=3e-3)
