@@ -13,7 +13,7 @@ from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.evidence.held_out import held_out_share
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.result import FoundEffect, Rival
-from elid_cli.diagnosis.search.acceptance import touched
+from elid_cli.diagnosis.search.acceptance import left_behind, touched
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.other_forms import MOVED, moved_between
 from elid_cli.diagnosis.search.screening import sensible
@@ -143,7 +143,11 @@ def _in_its_place(
         scene = scene_of(log.model, log.signals, lacking.standard)
     other = refreshed(fit(log, (*lacking.effects, rival), scene, but=lacking.but))
     last = len(other.effects) - 1
-    gain, behind, worth = _explained(lacking, state, other, number), _behind(state, other), _behind(state, lacking)
+    gain, behind, worth = (
+        _explained(lacking, state, other, number),
+        left_behind(state, other),
+        left_behind(state, lacking),
+    )
     near = behind < max(NEAR, NEAR_SHARE * worth) or (twins and behind < (1.0 - TWIN_SHARE) * worth)
     if gain is None or not (near and behind < (1.0 - MOST) * max(worth, 0.0)):
         return None
@@ -169,14 +173,6 @@ def _moved_effects(other: State, number: int, named: Mapping[int, FoundEffect]) 
         errors = effect.std_error
         if any(abs(values[p] - effect.parameters[p]) > MOVED * errors[p] for p in errors.keys() & values.keys()):
             yield replace(effect, parameters=values)
-
-
-def _behind(state: State, other: State) -> float:
-    """Return by how much log-likelihood another model explains the log worse, independent equations alone counted."""
-    counts = {row: float(np.count_nonzero(state.log.training.group(row).use)) for row in state.triangles.rows}
-    ratios = {row: max(other.rms(row), 1e-300) / max(state.rms(row), 1e-300) for row in counts}
-    worse = sum(count * float(np.log(ratios[row])) for row, count in counts.items())
-    return state.projected.independent * worse
 
 
 def _explained(lacking: State, state: State, other: State, number: int) -> float | None:

@@ -66,6 +66,14 @@ def left_out_error(state: State, unit: State, rows: Sequence[EstimationRow]) -> 
     return sum(float(state.left_out[row].sum()) / max(unit.rms(row), 1e-300) ** 2 for row in rows)
 
 
+def left_behind(state: State, other: State) -> float:
+    """Return by how much log-likelihood another model explains the log worse, independent equations alone counted."""
+    counts = {row: float(np.count_nonzero(state.log.training.group(row).use)) for row in state.triangles.rows}
+    ratios = {row: max(other.rms(row), 1e-300) / max(state.rms(row), 1e-300) for row in counts}
+    worse = sum(count * float(np.log(ratios[row])) for row, count in counts.items())
+    return state.projected.independent * worse
+
+
 def worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     """Whether the refitted model improves some row the effect acts on by a size that matters in practice."""
     last = len(new.effects) - 1

@@ -10,7 +10,14 @@ import numpy as np
 from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
-from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, is_change, predicted_better, touched, worthwhile
+from elid_cli.diagnosis.search.acceptance import (
+    FLOOR_RATIO,
+    is_change,
+    left_behind,
+    predicted_better,
+    touched,
+    worthwhile,
+)
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.encoders_first import (
@@ -23,7 +30,7 @@ from elid_cli.diagnosis.search.encoders_first import (
 from elid_cli.diagnosis.search.event_times import timed
 from elid_cli.diagnosis.search.far_zeros import with_far_zeros
 from elid_cli.diagnosis.search.screening import best_of, score, sensible
-from elid_cli.diagnosis.search.steps import TWIN_SHARE, Found, Step, are_twins, best_step
+from elid_cli.diagnosis.search.steps import NEAR, TWIN_SHARE, Found, Step, are_twins, best_step
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
@@ -44,6 +51,8 @@ REFUSALS = 8
 """… and most that may turn out not to be worth their parameters."""
 AGAIN = 2.0
 """Growth of its net gain, after others were accepted, from which an effect that was not worth it is tried again."""
+SMOOTHED = 0.1
+"""Part of what channels explain that are moved in time by which equals may differ."""
 POSSIBLE = 6
 """Supported candidates that are fitted where the present model has impossible parameters."""
 
@@ -146,11 +155,33 @@ def at_floor(state: State) -> bool:
 def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     """Return the best supported candidate with its rivals, or None when nothing deserves a name."""
     threshold = NET_AT_FLOOR if at_floor(state) else NET
-    able = [c for c in candidates if c.supported and c.net > threshold and _within(state, c)]
+    present = {(effect.name, effect.joint) for effect in state.effects}
+    able = [c for c in candidates if c.supported and c.net > threshold and _within(state, c)
+            and all((name, c.effect.joint) in present for name in c.effect.comes_with)]  # fmt: skip
     if not able:
         return None
     step = best_step(able, state.effects)
-    return _possible(state, step, candidates) if state.impossible else step
+    if state.impossible:
+        return _possible(state, step, candidates)
+    return _in_time(state, step, able) if step.candidate.effect.corrects is not None else step
+
+
+def _in_time(state: State, step: Step, able: Sequence[Candidate]) -> Step:
+    """Return the step of the late channel that explains most, as fits with the channels moved tell.
+
+    To first order, one channel that is late is part of another; and with the torques late as well, the one joint of two
+    is read late where the other one is read early. Of equals the one counts that leaves the torques least late.
+    """
+    tried = [step.candidate, *(c for c in able if c.effect.corrects is not None and c is not step.candidate)]
+    grown = [refreshed(fit(state.log, (*state.effects, c.effect), state.scene)) for c in tried[:POSSIBLE]]
+    behind = [left_behind(state, other) for other in grown]
+    # channels that are moved are smoothed by it: equals differ by some per cent of what they explain
+    most = min(behind)
+    near = [k for k, value in enumerate(behind) if value < most + max(NEAR, SMOOTHED * -most)]
+    best = tried[min(near, key=lambda k: sum(map(abs, grown[k].delays.values())))]
+    if best is step.candidate:
+        return step
+    return Step(best, tuple(c for c in (step.candidate, *step.rivals) if c is not best))
 
 
 def _possible(state: State, step: Step, candidates: Sequence[Candidate]) -> Step:

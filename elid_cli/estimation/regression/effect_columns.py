@@ -33,6 +33,8 @@ SHARP, SHARPEST = 4.0, 1e-5
 """Part of the slowest speed at which an instant counts over which the sign of velocity is rounded, and least, rad/s."""
 PASSING = "spring", "encoder"
 """Places of effects that act through the transmission."""
+ON_LINKS = "link", "chain"
+"""Places of effects that act on the links alone."""
 _CHUNK = 8192
 """Samples whose full-rate regressor is held at a time."""
 _KEPT, _KEPT_SAMPLES = 32_000_000, 16384
@@ -133,17 +135,20 @@ def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
     """Return the scene that knows of effects with their amplitudes (d,) what the columns of others are made of.
 
     That is the torque through the transmissions that they add to the spring's, or take off it: of play, or of encoders
-    that do not agree on zero.
+    that do not agree on zero; and through rigid ones what acts on the links, such as a payload or a balancing spring.
     """
-    load = scene.load
+    added = np.zeros_like(scene.load)
     for effect, linear in effects:
         if effect.place in PASSING and np.isfinite(scene.stiffness[effect.joint]):
             columns = effect.columns(scene)
             rows = [EquationRow(side, effect.joint) for side in ("link", "motor")]
             if set(columns) == set(rows):  # what acts on both sides passes the transmission
-                load = load.copy() if load is scene.load else load
-                load[:, effect.joint] += linear @ columns[rows[1]]
-    return scene if load is scene.load else replace(scene, load=load, cache={})
+                added[:, effect.joint] += linear @ columns[rows[1]]
+        elif effect.place in ON_LINKS:
+            for row, values in effect.columns(scene).items():
+                if row.side == "link" and not np.isfinite(scene.stiffness[row.joint]):
+                    added[:, row.joint] += linear @ values
+    return replace(scene, load=scene.load + added, cache={}) if added.any() else scene
 
 
 def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:

@@ -104,7 +104,7 @@ class Effect(ABC):
     """What its form takes for granted that hardly any log tells, as sentences; a joint that has an effect which
     `comes_with` it has been asked."""
     comes_with: ClassVar[tuple[str, ...]] = ()
-    """Effects that a joint which has it has as a rule: of what a log cannot tell apart, they are named beside it."""
+    """Effects that a joint which has it has as a rule: a search looks for it beside them, and names them beside it."""
     elastic_only: ClassVar[bool] = False
     """Whether the effect needs an elastic transmission."""
     strains_spring: ClassVar[bool] = False
