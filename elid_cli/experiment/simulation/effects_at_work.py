@@ -13,7 +13,7 @@ from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Columns, Effect
 from elid_cli.model.effects.kinds import MemoryEffect, OscillatorEffect
-from elid_cli.model.effects.scene import Scene
+from elid_cli.model.effects.scene import Scene, direction_widths
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 
@@ -92,6 +92,7 @@ class Stage:
             duration=duration,
             stiffness=dynamics.stiffness,
             temperature=self._temperature,
+            rounding=direction_widths(dynamics.robot),  # as without it, which would be sought at every instant
         )
         self._springs = [
             (k, K) for k, K in enumerate(np.nan_to_num(dynamics.stiffness).tolist()) if dynamics.robot.elastic[k]
