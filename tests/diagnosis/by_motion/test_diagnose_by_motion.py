@@ -50,7 +50,7 @@ def joint_parameters(found: dict[str, Any]) -> dict[tuple[str, str], tuple[float
 
 def test_nothing_is_missing_from_a_clean_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = robot(tmp_path).source
-    found = told(capsys, "diagnose", written(tmp_path, "clean.h5", moved()), "--robot", path)
+    found = told(capsys, "diagnose", written(tmp_path, "clean.h5", moved(duration=5.0, sweep=0.28)), "--robot", path)
     assert found["judged_by"] == "motion"
     assert found["effects"] == []
     assert found["unexplained"] == []

@@ -152,7 +152,7 @@ def test_integrals_go_on_from_stretch_to_stretch_of_a_file_and_start_afresh_in_t
 
 def test_an_integral_term_and_a_late_drive_of_one_joint_are_found_beside_each_other(tmp_path: Path) -> None:
     arm, late = robot(tmp_path), np.array([0.001, 0.005, 0.001])
-    recording = moved(7, 10.0, sweep=0.15, delay=late, integral=np.array([0.0, RATE * KP[1], 0.0]))
+    recording = moved(7, 6.0, sweep=0.25, delay=late, integral=np.array([0.0, RATE * KP[1], 0.0]))
     found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm))
     named = {(e.effect, e.joint): e for e in found.effects}
     assert named.keys() == {("integral_action", "two"), ("torque_delay", "two")}

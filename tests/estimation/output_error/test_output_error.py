@@ -119,7 +119,7 @@ def test_what_least_squares_see_elsewhere_may_be_biased() -> None:
     loaded = replace(
         ROBOT, effects=(EffectSpec(effect="load_friction", joint="joint2", parameters={"coefficient": 0.05}),)
     )
-    signals = prepare(log_of(motion_of(loaded, 1), 80.0, 1, rates=False)[0], ROBOT)
+    signals = prepare(log_of(motion_of(loaded, 1, 5.0), 80.0, 1, rates=False)[0], ROBOT)
     by_motion, by_torque = (identify(ROBOT, signals, EstimateOptions(fit=fit)) for fit in ("trajectory", "torque"))
     assert by_motion.model == "insufficient"
     apart = [

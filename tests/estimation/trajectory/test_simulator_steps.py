@@ -155,7 +155,7 @@ def test_steps_that_are_too_short_to_show_are_in_the_errors(tmp_path: Path, caps
 def test_limits_are_found_in_the_steps_of_a_simulator(tmp_path: Path) -> None:
     """Found in smooth motion they were 1 to 2 % too low, many of their errors, and inertia with them."""
     arm, limit = robot(tmp_path), 3.0
-    log = moved(6, 7.5, DT / 10, every=8, limit=limit)
+    log = moved(6, 6.0, DT / 10, every=8, limit=limit)
     signals = prepare(read_recording([written(tmp_path, "log.h5", log)], arm), arm)
     found = diagnose_motion(arm, signals, None, ("saturation",))
     assert found.effects

@@ -125,7 +125,7 @@ def test_a_diagnosis_finds_it_behind_an_effect_that_hid_it(pendulums: Robot) -> 
     def push(x: np.ndarray, v: np.ndarray, load: np.ndarray) -> np.ndarray:
         return smooth(x, v, load) + np.array([0.0, 1.2 * x[1], 0.0])
 
-    log = computed(plant.moved(5, delay=0.0025, push=push, grip=none_dry))
+    log = computed(plant.moved(5, 5.0, delay=0.0025, push=push, grip=none_dry, sweep=0.28))
     told = diagnose_motion(pendulums, prepare(log, pendulums))
     named = {(e.effect, e.joint): e for e in told.effects}
     assert set(named) == {("link_spring", "two"), *(("soft_friction", name) for name in plant.NAMES)}
