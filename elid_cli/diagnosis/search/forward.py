@@ -156,7 +156,9 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     """Return the best supported candidate with its rivals, or None when nothing deserves a name."""
     threshold = NET_AT_FLOOR if at_floor(state) else NET
     present = {(effect.name, effect.joint) for effect in state.effects}
-    able = [c for c in candidates if c.supported and c.net > threshold and _within(state, c)
+    # of a late channel the columns hold to first order only: its fit tells whether folds support it
+    able = [c for c in candidates if (c.supported or (c.plausible and c.effect.corrects is not None))
+            and c.net > threshold and _within(state, c)
             and all((name, c.effect.joint) in present for name in c.effect.comes_with)]  # fmt: skip
     if not able:
         return None
@@ -179,9 +181,8 @@ def _in_time(state: State, step: Step, able: Sequence[Candidate]) -> Step:
     most = min(behind)
     near = [k for k, value in enumerate(behind) if value < most + max(NEAR, SMOOTHED * -most)]
     best = tried[min(near, key=lambda k: sum(map(abs, grown[k].delays.values())))]
-    if best is step.candidate:
-        return step
-    return Step(best, tuple(c for c in (step.candidate, *step.rivals) if c is not best))
+    others = [c for c in (step.candidate, *step.rivals, *(tried[k] for k in near)) if c is not best]
+    return Step(best, tuple({c.key: c for c in others}.values()))
 
 
 def _possible(state: State, step: Step, candidates: Sequence[Candidate]) -> Step:
