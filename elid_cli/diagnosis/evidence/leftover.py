@@ -31,6 +31,8 @@ MOST_STUCK = 0.9
 """The same where the motor sticks: near standstill that bends any curve, and is left of the right one as well."""
 STICKS = 0.1
 """Part of what is left, beyond what as many other instants hold, near standstill: the motor sticks."""
+LOUD = 3.0
+"""Times its noise from which a row does not obey its model, and what takes it down is no fit of the noise."""
 SAME = {"deflection": "load", "link speed": "motor speed"}
 """Groups of curves that are nearly those of another."""
 PLACE = ("position",)
@@ -114,7 +116,7 @@ def silences(state: State, number: int) -> bool:
         if row in ratios and state.floor.rms[row] > MATTERS * state.triangles.torque_rms(row):
             others = [value for other, value in ratios.items() if other.kind == row.kind and other not in touching]
             least = LEAST * min([1.0, *others])
-            if state.rms(row) / state.floor.rms[row] < least <= ratios[row]:
+            if state.rms(row) / state.floor.rms[row] < least <= ratios[row] < LOUD:
                 return state.rms(row) < least * state.log.noise_alone.floor(state.standard).rms[row]
     return False
 
