@@ -317,12 +317,12 @@ def further_items(told: DiagnosisInput) -> Items:
         for r in told.found.also_possible
     ]
     for joint in dict.fromkeys(item.joint for item in told.found.unexplained):
-        still = f", then the other joints with {joint} still" if told.found.robot.n > 1 else ", at several speeds"
-        items.append((f"to find what is left at {joint}", f"{joint} moved alone{still}"))
+        alone = f"alone, then of the other joints with {joint} still" if told.found.robot.n > 1 else "at several speeds"
+        items.append((f"to find what is left at {joint}", f"motion of {joint} {alone}"))
     if loud := list(dict.fromkeys(row.joint for row in loud_rows(told.found))):
         items.append(
             ("to tell torque noise from what depends on several joints",
-             f"the same motion twice (what comes again is no noise), and {listed(loud)} moved alone")
+             f"the same motion twice (what comes again is no noise), and motion of {listed(loud)} alone")
         )  # fmt: skip
     if repeating(told.found):
         items.insert(0, ("to tell effects of the motion from disturbances in time", "a motion that does not repeat"))

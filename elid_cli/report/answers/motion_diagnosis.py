@@ -186,7 +186,9 @@ def _record(found: MotionDiagnosis, further: inputs.Items, robot_argument: str) 
     if found.unexplained:
         left = [item.joint for item in found.unexplained]
         alone = (
-            f"{left[0]} moved alone, then the others with it still" if len(left) == 1 else "each of them moved alone"
+            f"motion of {left[0]} alone, then of the others with it still"
+            if len(left) == 1
+            else "motion of each of them alone"
         )
         return f"What tells what is left at {listed(left)}: {alone}.", []
     return "Nothing more for these parameters; another run of the same machine would check them (elid replay).", []

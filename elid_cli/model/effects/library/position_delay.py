@@ -30,7 +30,7 @@ class PositionDelay(LatePositions):
     )
     typical = "a sample to 20 ms"
     fingerprint = "whole joint, of every joint whose torque depends on this joint's motion, along the torque's rate"
-    record = "fast motion of this joint while the others rest, and the other way round"
+    record = "fast motion of the joint that may be late while the others rest, and the other way round"
     place = "encoder"
     either_sign = "The joint may be read before or after the others."
     twins = ("torque_delay",)

@@ -1,4 +1,4 @@
-"""Friction that makes a motor stick is named, though what it does near standstill bends any curve."""
+"""What an effect leaves, or takes too well, says that its name is a wrong one; but not everything does."""
 
 from __future__ import annotations
 
@@ -39,3 +39,20 @@ def test_what_a_sticking_motor_leaves_is_no_poor_fit_of_its_friction(
     after: float, sticks: bool, is_poor: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert poor(13.45, after, sticks=sticks, monkeypatch=monkeypatch) == is_poor
+
+
+@pytest.mark.parametrize(("before", "after", "silent"), [(1.2, 0.5, True), (9.7, 0.5, False), (9.7, 0.9, False)])
+def test_what_was_far_from_noise_may_come_below_it(
+    before: float, after: float, silent: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Noise that is taken for too large refuses an effect that fits it, not one that takes ten times as much."""
+    floor = SimpleNamespace(rms={ROW: 1.0})
+    lacking: Any = SimpleNamespace(rms=lambda _: before, floor=floor)
+    monkeypatch.setattr(leftover, "without", lambda *_: lacking)
+    noise = SimpleNamespace(floor=lambda _: floor)
+    state: Any = SimpleNamespace(
+        effects=[SimpleNamespace(corrects=None, whole_robot=False)], columns=[SimpleNamespace(rows={ROW: None})],
+        triangles=SimpleNamespace(rows={ROW: None}, torque_rms=lambda _: 10.0), floor=floor, rms=lambda _: after,
+        log=SimpleNamespace(noise_alone=noise), standard=None,
+    )  # fmt: skip
+    assert leftover.silences(state, 0) == silent
