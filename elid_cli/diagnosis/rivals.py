@@ -119,7 +119,7 @@ class _InPlace(TypedDict, total=False):
 def _twin_in_its_place(state: State, number: int, twin: Same, named: Mapping[int, FoundEffect]) -> _InPlace | None:
     """Return what an effect's other name is in its place, with what it does there to the parameters; None: no fit."""
     kind = effect_classes()[twin.effect]
-    if any(p.name not in twin.values for p in kind.shapes):
+    if not set(kind.parameter_names()) <= twin.values.keys():
         return None
     shape = tuple(twin.values[p.name] for p in kind.shapes)
     return _in_its_place(state, number, kind(twin.joint, shape), twin.values, named, twins=True)
