@@ -94,13 +94,15 @@ def _others(state: State, number: int, step: Step) -> Iterator[tuple[Effect, Map
     """
     for candidate in step.rivals:
         yield candidate.effect, candidate.values, are_twins(step.candidate, candidate)
-    own = state.effects[number]
+    own, present = state.effects[number], {(e.name, e.joint) for e in state.effects}
     for name in twins_of(type(own)):
         kind = effect_classes()[name]
         places = {e.joint for k, e in enumerate(state.effects) if k != number and e.name in kind.comes_with}
-        yield from ((kind(joint), {}, True) for joint in sorted(places) if not kind.shapes)
-    for name in type(own).comes_with:
-        yield effect_classes()[name](own.joint), {}, True
+        able = (joint for joint in sorted(places) if not kind.shapes and (name, joint) not in present)
+        yield from ((kind(joint), {}, True) for joint in able)
+    for name in own.comes_with:
+        if (name, own.joint) not in present:
+            yield effect_classes()[name](own.joint), {}, True
 
 
 class _InPlace(TypedDict, total=False):

@@ -137,16 +137,16 @@ def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
     That is the torque through the transmissions that they add to the spring's, or take off it: of play, or of encoders
     that do not agree on zero; and through rigid ones what acts on the links, such as a payload or a balancing spring.
     """
-    added = np.zeros_like(scene.load)
+    added, rigid = np.zeros_like(scene.load), ~np.isfinite(scene.stiffness)
     for effect, linear in effects:
-        if effect.place in PASSING and np.isfinite(scene.stiffness[effect.joint]):
+        if effect.place in PASSING and not rigid[effect.joint]:
             columns = effect.columns(scene)
             rows = [EquationRow(side, effect.joint) for side in ("link", "motor")]
             if set(columns) == set(rows):  # what acts on both sides passes the transmission
                 added[:, effect.joint] += linear @ columns[rows[1]]
-        elif effect.place in ON_LINKS:
+        elif effect.place in ON_LINKS and rigid.any():
             for row, values in effect.columns(scene).items():
-                if row.side == "link" and not np.isfinite(scene.stiffness[row.joint]):
+                if row.side == "link" and rigid[row.joint]:
                     added[:, row.joint] += linear @ values
     return replace(scene, load=scene.load + added, cache={}) if added.any() else scene
 
