@@ -29,6 +29,10 @@ class Brief:
         return f"{type(self).__name__}({', '.join(parts)})"
 
 
+SCHEMA = "elid/1"
+"""What the JSON object of every command names itself, first."""
+
+
 class Shown(Brief):
     """A result that prints as the tables of its command's report, and gives them as values."""
 

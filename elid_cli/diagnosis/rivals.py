@@ -89,8 +89,8 @@ def rivals_of(state: State, declared: int, steps: Sequence[Step], effects: Seque
 def _others(state: State, number: int, step: Step) -> Iterator[tuple[Effect, Mapping[str, float], bool]]:
     """Yield what is tried in the place of effect `number`, with what is known of its values, and whether it is a twin.
 
-    Beside what the search could not tell from it these are declared twins at joints that have what they come with, and
-    what the effect itself comes with: the search screened them with what the model knew then.
+    Beside what the search could not tell from it these are declared twins at joints that have what they come with: the
+    search screened them with what the model knew then.
     """
     for candidate in step.rivals:
         yield candidate.effect, candidate.values, are_twins(step.candidate, candidate)
@@ -100,9 +100,6 @@ def _others(state: State, number: int, step: Step) -> Iterator[tuple[Effect, Map
         places = {e.joint for k, e in enumerate(state.effects) if k != number and e.name in kind.comes_with}
         able = (joint for joint in sorted(places) if not kind.shapes and (name, joint) not in present)
         yield from ((kind(joint), {}, True) for joint in able)
-    for name in own.comes_with:
-        if (name, own.joint) not in present:
-            yield effect_classes()[name](own.joint), {}, True
 
 
 class _InPlace(TypedDict, total=False):
@@ -145,11 +142,8 @@ def _in_its_place(
         scene = scene_of(log.model, log.signals, lacking.standard)
     other = refreshed(fit(log, (*lacking.effects, rival), scene, but=lacking.but))
     last = len(other.effects) - 1
-    gain, behind, worth = (
-        _explained(lacking, state, other, number),
-        left_behind(state, other),
-        left_behind(state, lacking),
-    )
+    gain = _explained(lacking, state, other, number)
+    behind, worth = left_behind(state, other), left_behind(state, lacking)
     near = behind < max(NEAR, NEAR_SHARE * worth) or (twins and behind < (1.0 - TWIN_SHARE) * worth)
     if gain is None or not (near and behind < (1.0 - MOST) * max(worth, 0.0)):
         return None

@@ -12,9 +12,8 @@ from typing import Any
 from elid_cli.errors import UsageError
 from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
-from elid_cli.tables import Shown
+from elid_cli.tables import SCHEMA, Shown
 
-SCHEMA = "elid/1"
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""
 

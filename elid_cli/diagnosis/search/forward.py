@@ -162,7 +162,7 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
             and all((name, c.effect.joint) in present for name in c.effect.comes_with)]  # fmt: skip
     if not able:
         return None
-    step = best_step(able, state.effects)
+    step = best_step(able)
     if state.impossible:
         return _possible(state, step, candidates)
     return _in_time(state, step, able) if step.candidate.effect.corrects is not None else step

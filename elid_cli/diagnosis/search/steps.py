@@ -9,7 +9,6 @@ from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.model.effects import twins_of
-from elid_cli.model.effects.effect import Effect
 
 NEAR = 10.0
 """Effects whose net gain is this near to the best cannot be told apart from it …"""
@@ -70,8 +69,8 @@ class Found:
     """Whether Ctrl-C ended it."""
 
 
-def best_step(able: Sequence[Candidate], present: Sequence[Effect] = ()) -> Step:
-    """Return the best of some supported candidates, beside effects that are `present`, with those that equal it."""
+def best_step(able: Sequence[Candidate]) -> Step:
+    """Return the best of some supported candidates with those that cannot be told apart from it."""
     most = max(able, key=lambda c: c.gain.whole)
     share = most.gain.likelihood / most.gain.whole if most.gain.whole > 0 else 1.0
     able = sorted(able, key=lambda c: -c.merit(share))
@@ -82,11 +81,7 @@ def best_step(able: Sequence[Candidate], present: Sequence[Effect] = ()) -> Step
     simplest = [c for c in near if (c.size, c.gain.width) == fewest]
     # of twins that differ by less than chance a joint's own effect goes before the whole robot's
     top = max(c.merit(share) for c in simplest)
-    usual = {(name, effect.joint) for effect in present for name in effect.comes_with}
-    best = min(
-        simplest,
-        key=lambda c: (c.key not in usual, c.merit(share) <= top - EVEN, c.effect.whole_robot, -c.merit(share)),
-    )
+    best = min(simplest, key=lambda c: (c.merit(share) <= top - EVEN, c.effect.whole_robot, -c.merit(share)))
     twins = [c for c in able if c not in near and are_twins(best, c) and c.merit(share) > TWIN_SHARE * highest]
     return Step(best, tuple(c for c in (*near, *twins) if c is not best))
 

@@ -12,12 +12,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.parameter import Parameter as Parameter
+from elid_cli.model.effects.relations import Member as Member
+from elid_cli.model.effects.relations import Same as Same
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.robot import Robot
 
@@ -34,25 +36,6 @@ Channel = Literal["link", "position", "torque"]
 """Channels that may be late: positions and velocities of the link, or of link and motor, and torque of the motor."""
 Nuisance = Literal["delay", "offset", "reading gain", "reading offset"]
 """Faults of a motor's torque channel, and of a joint torque sensor, that every fit estimates along."""
-
-
-class Same(NamedTuple):
-    """Another effect that is the same in every row of a log."""
-
-    effect: str
-    joint: int
-    values: Mapping[str, float]
-    """Its named parameters as far as they follow."""
-
-
-class Member(NamedTuple):
-    """A member of a family of models that one effect is: what it adds, and the value of its first shape."""
-
-    title: str
-    formula: str
-    shape: float
-    forms: tuple[float, ...] = ()
-    """Values of the third shape that are tried; empty: it has no part in this member."""
 
 
 Columns = Mapping[EquationRow, Array]
@@ -104,7 +87,7 @@ class Effect(ABC):
     """What its form takes for granted that hardly any log tells, as sentences; a joint that has an effect which
     `comes_with` it has been asked."""
     comes_with: ClassVar[tuple[str, ...]] = ()
-    """Effects that a joint which has it has as a rule: a search looks for it beside them, and names them beside it."""
+    """Effects that a joint which has it has as a rule: a search looks for it beside them."""
     elastic_only: ClassVar[bool] = False
     """Whether the effect needs an elastic transmission."""
     strains_spring: ClassVar[bool] = False

@@ -14,8 +14,8 @@ from typing import Any
 from elid_cli import __version__
 from elid_cli.report.formats import Style
 from elid_cli.report.tree import Report
+from elid_cli.tables import SCHEMA
 
-SCHEMA = "elid/1"
 SUFFIXES = (".json",)
 
 

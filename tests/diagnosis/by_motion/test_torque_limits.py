@@ -143,7 +143,7 @@ def computed(recording: Recording) -> np.ndarray:
 
 
 def test_limits_of_all_drives_that_the_motion_reaches_often_are_found_to_the_end(tmp_path: Path) -> None:
-    """Far from the limits one descent ends beside them: they are fitted again beside drives that are found anew."""
+    """Limits that cut a large part of the torques, of every drive: none stands for another, and nothing is left."""
     arm, limits = robot(tmp_path), np.array([3.3, 1.6, 0.8])
     log = written(tmp_path, "cut.h5", moved(3, 6.0, 0.002, sweep=0.33, limit=limits))
     found = diagnose_motion(arm, prepare(read_recording([log], arm), arm), None, ("saturation",))
