@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import SIDES, Moved, model_torque
-from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.effect import Columns, Parameter, Same
 from elid_cli.model.effects.late_positions import STEP, LatePositions
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import EquationRow, Scene
@@ -30,7 +32,10 @@ class PositionDelay(LatePositions):
     )
     typical = "a sample to 20 ms"
     fingerprint = "whole joint, of every joint whose torque depends on this joint's motion, along the torque's rate"
-    record = "fast motion of the joint that may be late while the others rest, and the other way round"
+    record = (
+        "fast motion of the joint that may be late while the others rest, and the other way round; of two joints, how"
+        " late the drives' torques are logged, measured by itself: no motion tells it from the joint that is read late"
+    )
     place = "encoder"
     either_sign = "The joint may be read before or after the others."
     twins = ("torque_delay",)
@@ -44,6 +49,11 @@ class PositionDelay(LatePositions):
     def unfit(cls, robot: Robot, joint: int) -> str:
         """Return that there is no other joint, if so: its torque's delay says the same then."""
         return "" if robot.n > 1 else "it is a delay against other joints, and the robot has only one"
+
+    @classmethod
+    def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
+        """Return the other joint of two, read as much earlier: with later torques, that is a shift of all clocks."""
+        return (Same(cls.name, 1 - joint, {"delay": -values["delay"]}),) if scene.robot.n == 2 else ()
 
     def columns(self, scene: Scene) -> Columns:
         """Return the rate of all torques of the model with this joint's motion alone."""
