@@ -230,7 +230,7 @@ def _grown(state: State) -> tuple[Effect, ...]:
 
 def _scene(state: State) -> Scene:
     """Return what a model's effects are computed from: its own torques, those of the effects among them."""
-    scene = scene_of(state.log.model, state.log.signals, _standard(state))
+    scene = scene_of(state.log.model, state.log.signals, _standard(state), state.solved.rotors())
     return with_effects(scene, [(effect, state.coefficients(k)) for k, effect in enumerate(state.effects)])
 
 

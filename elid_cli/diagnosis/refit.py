@@ -179,6 +179,7 @@ def _identified_again(
         at_search,
         parameters=tuple(replace(item, reference=other.reference) for item, other in items),
         nuisances=_with_moved(found.nuisances, late), covariance=found.covariance, standard=found.standard,
+        rotors=found.rotors,
         condition=found.condition, rank=found.rank,
         rank_margin=found.rank_margin, warnings=found.warnings, noise=found.noise, insufficient=found.insufficient,
         model=found.model,

@@ -139,7 +139,7 @@ def _in_its_place(
     log, scene = lacking.log, lacking.scene
     if turns_model(type(rival)):  # begun where it was found: the first step from nothing may lead elsewhere
         log = log.posed(log.pose.moved(rival, np.array(list(values.values()))))
-        scene = scene_of(log.model, log.signals, lacking.standard)
+        scene = scene_of(log.model, log.signals, lacking.standard, scene.rotors)
     other = refreshed(fit(log, (*lacking.effects, rival), scene, but=lacking.but))
     last = len(other.effects) - 1
     gain = _explained(lacking, state, other, number)

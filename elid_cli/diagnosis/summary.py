@@ -21,6 +21,8 @@ from elid_cli.diagnosis.search.steps import Found, Step, Term
 from elid_cli.diagnosis.unexplained import away_from_changes, unseen
 from elid_cli.estimation.identify import Nuisance
 from elid_cli.estimation.refined_robot import refined_robot, representative
+from elid_cli.estimation.regression.rotor_shares import with_rotors
+from elid_cli.estimation.regression.standard_errors import told_rotors
 from elid_cli.estimation.stretches import spans
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.prediction import validate
@@ -99,7 +101,9 @@ def result(
 def described(robot: Robot, state: State) -> Robot:
     """Return the robot description that a state amounts to: parameters, effects, corrected torque channels."""
     base = state.log.base
-    standard = representative(base, base.transform @ state.standard, robot.reference())
+    rotors = {joint: inertia for joint, (inertia, _) in told_rotors(state.solved).items()}
+    near, kept = with_rotors(robot, robot.reference(), rotors)
+    standard = representative(base, base.transform @ state.standard, near, kept)
     specs = [*state.specs, *channel_specs(state)]
     moved_joints = {e.joint for e in state.effects if e.corrects == "link"}
     specs += [

@@ -14,7 +14,7 @@ from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.regression.long_run import at_least
 from elid_cli.estimation.regression.nuisances import of_sampling
 from elid_cli.estimation.regression.other_shapes import sentences
-from elid_cli.estimation.regression.standard_errors import by_stretches, freedom
+from elid_cli.estimation.regression.standard_errors import by_stretches, freedom, told_rotors
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, taken_over, with_pull
@@ -96,16 +96,19 @@ def assemble(
     nuisances, delays = _nuisances(fit)
     doubts = () if fit.data.samples is None else fit.signals.doubts
     lacking = shortfall(fit.base, fresh.rank, robot, facts)
+    rotors = told_rotors(fit)
     fresh = replace(
         fresh,
         delays=delays,
         settings=_settings(fit.data, options),
         nuisances=nuisances,
         effects=_effects(fit),
+        rotors=rotors,
         warnings=(*fresh.warnings, *doubts),
         notes=(
             *((lacking,) if lacking else ()),
             *(sentences(fit.effects, robot) if fit.effects else ()),
+            *_rotor_words(rotors, robot),
             *_without_offsets(fit),
         ),
         estimator=options.estimator,
@@ -289,6 +292,19 @@ def _settings(data: FitData, options: EstimateOptions) -> dict[str, object]:
         "estimator": options.estimator,
         "folds": options.folds,
     }
+
+
+def _rotor_words(rotors: Mapping[int, tuple[float, float]], robot: Robot) -> list[str]:
+    """Return a sentence for each rotor that friction under load tells."""
+    said = []
+    for joint, at_joint in rotors.items():
+        name, ratio = robot.rotor_names[joint], robot.joints[joint].gear_ratio or 1.0
+        inertia, error = (value / ratio**2 for value in at_joint)
+        said.append(
+            f"{name} is {inertia:.3g} ± {error:.1g} {'kg·m²' if robot.joints[joint].revolute else 'kg'} by the friction"
+            " that follows the load; motion alone shows it in a sum"
+        )
+    return said
 
 
 def with_unseen(found: Identification, robot: Robot) -> Identification:

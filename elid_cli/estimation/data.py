@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -18,6 +18,7 @@ from elid_cli.estimation.regression.effect_columns import FittedEffects, triangl
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.rotor_shares import FARTHEST, rotor_columns
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness, TwoWays, two_ways
 from elid_cli.estimation.stiffness.links import link_stiffness
@@ -200,6 +201,22 @@ class Solved:
     def amplitudes(self) -> list[Array]:
         """Return the fitted amplitudes of every effect, each (d,)."""
         return [self.solution.values[place] for place in self.amplitude_places]
+
+    def rotors(self) -> Mapping[int, float]:
+        """Return the rotor inertias at joints that only friction under load tells, by a step from its scene's."""
+        if self.effects is None or not self.effects.scene.rotors:
+            return {}
+        here, columns = self.effects.scene.rotors, rotor_columns(self.effects, self.signals, self.amplitudes())
+        if not columns:
+            return here
+        extras = [extra for extra, _ in columns.values()]
+        wider = Solved.of(self.base, self.data, [*self.nuisances, *extras], self.effects)
+        shares = wider.solution.values[self.first_amplitude :]
+        found = dict(here)
+        for (joint, (_, most)), share in zip(columns.items(), shares.tolist(), strict=False):
+            step = min(max(share, -FARTHEST), FARTHEST)  # effects that are not in the scene yet lead astray
+            found[joint] = min(max(here[joint] + step * most, 0.0), most)
+        return found
 
     @classmethod
     def of(

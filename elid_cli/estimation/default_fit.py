@@ -18,7 +18,7 @@ from elid_cli.estimation.regression.covariance import lasting_weights
 from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_effects, with_found
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import reweighted
-from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
+from elid_cli.estimation.regression.nuisances import LONGEST, beside_effects, reading_columns, short_enough, significant
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity
 from elid_cli.estimation.regression.standard_errors import covariance_of, covariance_with_dropped
 from elid_cli.estimation.regression.triangles import ExtraColumns, to_triangles
@@ -27,6 +27,8 @@ from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects import nuisance_of
 from elid_cli.model.effects.declared import declared_effects
+from elid_cli.model.effects.posed import turns_model
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.signals import Signals
@@ -34,7 +36,9 @@ from elid_cli.signals.signals import Signals
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
 RESCENED = 2
-"""Times that the columns of effects that keep their shapes are computed again."""
+"""Times that the columns of effects that keep their shapes are computed again, …"""
+SETTLING, SETTLED = 10, 1e-3
+"""… and most where rotors that only friction under load tells have not settled, to that part of themselves."""
 READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
@@ -106,15 +110,20 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
         data = _with_gliding(base, data, [*delays, *offsets])
     nuisances = [*(delays if options.delays else ()), *(offsets if options.offsets else ())]
     effects = _start_effects(base, data, options.hold)
+    if effects is not None:
+        nuisances = beside_effects(nuisances, [item.effect for item in effects.effects], effects.extras)
     if options.offsets and data.samples is not None and data.samples.rows_of_sensors():
         nuisances += _reading_columns(base, data.samples, nuisances, effects)
     solved = solve_with(base, data, nuisances, effects, shaping=not options.hold, valleys=options.valleys)
-    for _ in range(RESCENED if effects and options.hold else 0):  # columns from what the fit made of the parameters
-        scene = scene_of(data.model, solved.signals, solved.standard)
+    for k in range(SETTLING if effects and options.hold else 0):  # columns from what the fit made of the parameters
+        rotors, here = solved.rotors(), effects.scene.rotors if effects else {}
+        if k >= RESCENED and all(abs(rotors[j] - here[j]) <= SETTLED * rotors[j] for j in rotors):
+            break
+        scene = scene_of(data.model, solved.signals, solved.standard, rotors)
         found = zip(effects.effects, solved.amplitudes(), strict=True) if effects else ()
         scene = with_found(scene, [(item.effect, amplitude) for item, amplitude in found])
-        again = FittedEffects.of(effects.effects, scene, solved.signals) if effects else None
-        solved = solve_with(base, data, solved.nuisances, again)
+        effects = FittedEffects.of(effects.effects, scene, solved.signals) if effects else None
+        solved = solve_with(base, data, solved.nuisances, effects)
     covariance = covariance_with_dropped(solved, covariance_of(solved))
     if solved.effects and data.samples is not None and not options.hold:
         effects, covariance = check_shape_ambiguity(solved, solved.effects, covariance)
@@ -206,8 +215,7 @@ def _shaped(
     data = replace(data, stretch=np.zeros_like(data.stretch))  # nothing is left out here: one triangle per row group
     for scan, lasting in ((True, False), (True, True), (False, False)) if valleys else ((False, False),) * 2:
         solved = Solved.of(base, data, nuisances, effects)
-        scene = scene_of(data.model, data.signals, solved.standard)
-        scene = with_effects(scene, [(e.effect, a) for e, a in zip(effects.effects, solved.amplitudes(), strict=True)])
+        scene = _scene_beside(solved, effects)
         weights, items = solved.solution.weights, effects.effects
         if scan:
             items = tuple(replace(item, effect=item.start or item.effect) for item in items)
@@ -216,6 +224,22 @@ def _shaped(
         found = fit_declared(data.observation, data.signals, scene, items, weights, nuisances, scan=scan)
         effects = replace(found, others=found.others if lasting else effects.others)
     return effects
+
+
+def _scene_beside(solved: Solved, effects: FittedEffects) -> Scene:
+    """Return the scene of a fit, made without the columns of effects that turn the model.
+
+    First moments that only a base that leans shows make its column, and trade with the angle: from a fit that has
+    both, they grow from one scene to the next, and the angle stays where it is.
+    """
+    still = [k for k, item in enumerate(effects.effects) if not turns_model(type(item.effect))]
+    if len(still) < len(effects.effects):
+        items, extras = ([values[k] for k in still] for values in (effects.effects, effects.extras))
+        effects = FittedEffects(tuple(items), tuple(extras), effects.scene)  # type: ignore[arg-type]
+        solved = Solved.of(solved.base, solved.data, solved.nuisances, effects)
+    scene = scene_of(solved.model, solved.signals, solved.standard, solved.rotors())
+    found = zip(effects.effects, solved.amplitudes(), strict=True)
+    return with_effects(scene, [(item.effect, amplitude) for item, amplitude in found])
 
 
 def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[ExtraColumns]) -> FitData:

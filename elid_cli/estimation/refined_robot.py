@@ -10,6 +10,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import in_words
+from elid_cli.estimation.regression.rotor_shares import with_rotors
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.model.base_parameters import BaseParameters, find_base
@@ -23,7 +24,7 @@ SHOWN = 2.0
 """Standard errors by which a fault of a channel must differ from 0 to be written."""
 
 
-def representative(base: BaseParameters, estimate: Array, reference: Array) -> Array:
+def representative(base: BaseParameters, estimate: Array, reference: Array, kept: Collection[int] = ()) -> Array:
     """Return standard parameters (p,) that reproduce base parameters exactly and stay nearest to the reference.
 
     Parameters
@@ -35,11 +36,14 @@ def representative(base: BaseParameters, estimate: Array, reference: Array) -> A
         is unknown). The answer is (N, p) then.
     reference
         Reference standard parameters, (p,); NaN where unknown.
+    kept
+        Places of those that stay the reference's: they show in sums only.
     """
     start = np.nan_to_num(reference)
     present = base.transform @ start
     wanted = np.where(np.isfinite(estimate), estimate, present)
     scale = np.maximum(np.abs(start), 1e-3 * np.maximum(np.abs(start).max(initial=0.0), 1.0))
+    scale[list(kept)] = 0.0
     weighted = base.transform * scale
     step = scale * (np.linalg.pinv(weighted, rcond=1e-12) @ (wanted - present).T).T
     result: Array = start + step
@@ -51,7 +55,8 @@ def representative(base: BaseParameters, estimate: Array, reference: Array) -> A
 def identified_robot(found: Identification) -> Robot:
     """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
     near = found.standard if found.estimator == "trajectory" else found.robot.reference()
-    standard = representative(found.base, possible_values(found), near)
+    near, told = with_rotors(found.robot, near, {joint: inertia for joint, (inertia, _) in found.rotors.items()})
+    standard = representative(found.base, possible_values(found), near, told)
     declared = {(spec.effect, spec.joint) for spec in found.robot.effects}
     more: dict[tuple[str, str | None], EffectSpec]
     more = {

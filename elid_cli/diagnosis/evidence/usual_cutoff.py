@@ -12,11 +12,10 @@ from dataclasses import replace
 
 from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
 from elid_cli.diagnosis.fit.divided_log import Log
-from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed, without
+from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed, scene_in, without
 from elid_cli.diagnosis.search.steps import Found
 from elid_cli.errors import DataError
 from elid_cli.estimation.cutoff import at_best_cutoff
-from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.stretches import search_folds
 from elid_cli.signals.signals import Signals
@@ -73,4 +72,4 @@ def _there(state: State, raw: Signals) -> State:
     """Return a state fitted to the same log at another cut-off, with its effects in the shapes that they have."""
     log = replace(state.log, raw=raw).shifted(state.log.shifts)
     log = replace(log, fold=search_folds(log.observation.instants, others=log.others))
-    return agreed(fit(log, state.effects, scene_of(log.model, log.signals, state.standard), but=state.but))
+    return agreed(fit(log, state.effects, scene_in(log, state), but=state.but))

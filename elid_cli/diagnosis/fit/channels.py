@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from elid_cli.estimation.data import SampledData, Solved, sum_row
-from elid_cli.estimation.regression.nuisances import SIGNIFICANT
+from elid_cli.estimation.regression.nuisances import SIGNIFICANT, beside_effects
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.effect import Effect, Nuisance
 
@@ -22,10 +22,8 @@ def unknowns_of_channels(
 
     Not those that effects of the model are: a late channel, a constant torque in the rows of the channel.
     """
-    late = {e.joint for e in effects if e.corrects == "torque"} | {joint for kind, joint in but if kind == "delay"}
-    delays = [extra for extra in data.delays if sum_row(extra).joint not in late]
-    offsets = [extra for extra in data.offsets if ("offset", sum_row(extra).joint) not in but]
-    return delays + [extra for extra in offsets if not any(_constant(own, extra) for own in columns)]
+    mays = [e for e in (*data.delays, *data.offsets) if e.nuisance and (e.nuisance, sum_row(e).joint) not in but]
+    return beside_effects(mays, effects, columns)
 
 
 def without_idle_offsets(found: Solved) -> list[ExtraColumns]:
@@ -44,16 +42,3 @@ def without_idle_offsets(found: Solved) -> list[ExtraColumns]:
         return sure and size < found.triangles.torque_rms(sum_row(extra))
 
     return [e for k, e in enumerate(found.nuisances) if e.nuisance != "offset" or stands(first + k, e)]
-
-
-def _constant(own: ExtraColumns, offset: ExtraColumns) -> bool:
-    """Whether an effect holds the offset of a torque channel: one of its columns is a constant in the same rows.
-
-    A column of zeros is none: what a member of a family lacks.
-    """
-    if own.rows.keys() != offset.rows.keys():
-        return False
-    return any(
-        all(0 < np.abs(values[k]).max() >= 1e9 * np.ptp(values[k]) for values in own.rows.values())
-        for k in range(own.width)
-    )

@@ -138,6 +138,12 @@ class State:
         return project(training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, STRETCHES)
 
     @cached_property
+    def solved(self) -> Solved:
+        """The fit with the effects and what is known of them."""
+        held = FittedEffects(_held(self.log, self.effects, self.columns), self.columns, self.scene)
+        return Solved(self.log.base, self.log.data, self.nuisances, held, self.triangles, self.solution)
+
+    @cached_property
     def covariance(self) -> Array:
         """Covariance of the solution's basis, (r, r)."""
         if self.known is not None:
@@ -151,10 +157,9 @@ class State:
         The shapes are those that are refined, keyed by the numbers of effect and shape; none where another estimator
         found the values or the log holds them all.
         """
-        items = _held(self.log, self.effects, self.columns)
-        own = FittedEffects(items, self.columns, self.scene)
-        if self.known is None and any(item.free for item in items):
-            fit = Solved(self.log.base, self.log.data, self.nuisances, own, self.triangles, self.solution)
+        fit = self.solved
+        items = fit.effects.effects if fit.effects else ()
+        if self.known is None and (any(item.free for item in items) or self.scene.rotors):
             whole = covariance_with_shapes(fit)
             if whole is not None:
                 keys = [(number, shape) for number, item in enumerate(items) for shape in item.free]
@@ -247,8 +252,14 @@ def refreshed(state: State) -> State:
         if change <= _SETTLED * state.log.signals.dt:
             break
         log = state.log.shifted(shifts)
-        state = fit(log, state.effects, scene_of(log.model, log.signals, state.standard), but=state.but)
+        state = fit(log, state.effects, scene_in(log, state), but=state.but)
     return state
+
+
+def scene_in(log: Log, state: State, rotors: Mapping[int, float] | None = None) -> Scene:
+    """Return the scene that a state makes in a log, its own or another, with its rotors or others."""
+    scene = scene_of(log.model, log.signals, state.standard, state.scene.rotors if rotors is None else rotors)
+    return with_found(scene, [(effect, state.coefficients(k)) for k, effect in enumerate(state.effects)])
 
 
 def _turned(state: State) -> State:
@@ -261,8 +272,10 @@ def _turned(state: State) -> State:
     def again(state: State, pose: Pose) -> State:
         log = state.log if pose is state.log.pose else state.log.posed(pose)
         # what a turn brings to light, or bends, is not in the old parameters: columns come from a fit without it
-        lacking = fit(log, others, scene_of(log.model, log.signals, state.standard) if others else None, but=state.but)
-        return fit(log, state.effects, scene_of(log.model, log.signals, lacking.standard), but=state.but)
+        rotors = state.scene.rotors
+        scene = scene_of(log.model, log.signals, state.standard, rotors) if others else None
+        lacking = fit(log, others, scene, but=state.but)
+        return fit(log, state.effects, scene_of(log.model, log.signals, lacking.standard, rotors), but=state.but)
 
     def left(state: State) -> list[tuple[Effect, Array]]:
         return [(state.effects[k], state.coefficients(k)) for k in turning]
@@ -279,9 +292,7 @@ def agreed(state: State) -> State:
     model = [k for k, effect in enumerate(state.effects) if effect.from_model]
     for _ in range(_AGREEING if model else 1):
         old = state
-        scene = scene_of(state.log.model, state.log.signals, state.standard)
-        scene = with_found(scene, [(effect, state.coefficients(k)) for k, effect in enumerate(state.effects)])
-        state = fit(state.log, state.effects, scene, but=state.but)
+        state = fit(state.log, state.effects, scene_in(state.log, state, state.solved.rotors()), but=state.but)
         if all(_unchanged(old, state, k) for k in model):
             break
     return state

@@ -90,7 +90,8 @@ def _collocated(
     training, noise = setup.common_cost(outcome.end), setup.noise_cost()
     # columns that come from torques must come from those of the stretches that are judged
     left = _stretch(log, log.fold < 0)
-    scene = scene_of(model, left, fitted.solution.values[: model.parameters])
+    rotors = fitted.effects.scene.rotors
+    scene = scene_of(model, left, fitted.solution.values[: model.parameters], rotors)
     held_back = replace(fitted.samples, signals=left)
     judge = Setup(replace(fitted, data=held_back, effects=replace(fitted.effects, scene=scene)))
     if not judge.pieces:

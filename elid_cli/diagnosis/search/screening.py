@@ -135,7 +135,8 @@ def _leaning(state: State, candidate: Candidate) -> Candidate:
     log, effect = state.log, candidate.effect
     grown = refreshed(fit(log, (*state.effects, effect), state.scene, but=state.but))
     values = grown.named(len(grown.effects) - 1)
-    columns = extra_of(effect, scene_of(log.model, log.signals, grown.standard), log.signals)
+    scene = scene_of(log.model, log.signals, grown.standard, grown.scene.rotors)
+    columns = extra_of(effect, scene, log.signals)
     gain = state.projected.gain(columns.rows)
     if gain is None or not sensible(effect, grown.scene, values):
         return candidate
@@ -153,7 +154,7 @@ def refitted(state: State, candidate: Candidate) -> Candidate:
     may have falsified.
     """
     grown = fit(state.log, (*state.effects, candidate.effect), state.scene)
-    again = scene_of(state.log.model, state.log.signals, grown.standard)
+    again = scene_of(state.log.model, state.log.signals, grown.standard, grown.scene.rotors)
     values = candidate.effect.named(again, grown.coefficients(len(grown.effects) - 1))
     return replace(candidate, values=values, plausible=sensible(candidate.effect, again, values))
 

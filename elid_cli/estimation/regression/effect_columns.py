@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 
+NO_ROTORS: Mapping[int, float] = MappingProxyType({})
 AGREEING, AGREED = 12, 1e-5
 """Most rounds in which predicted torque and friction that follows it come to agree, and the change, as a part of the
 torque, below which they do: a round leaves as much of the error as friction follows the motor's torque."""
@@ -72,7 +74,7 @@ def triangles_with_effects(
     return triangles if prior is None else replace(triangles, prior=prior)
 
 
-def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
+def scene_of(model: Regressor, signals: Signals, standard: Array, rotors: Mapping[int, float] = NO_ROTORS) -> Scene:
     """Return what effects are computed from: all samples of all segments, one after the other.
 
     Parameters
@@ -81,6 +83,8 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         The robot's model and a log's signals.
     standard
         Standard parameters (p,), any representative of the base parameters; K of 0 or NaN counts as unknown.
+    rotors
+        Rotor inertias at joints, kg·m² (kg), where only sums of them and of the bodies' show (`rotor_shares`).
     """
     robot = model.robot
     played = _played(signals, model.estimation.program.distinct[0])
@@ -92,7 +96,8 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
             if np.isfinite(value) and value > 0:
                 stiffness[k] = value
     springs = np.isfinite(stiffness)
-    predicted, link = _torques(model, played, standard, np.flatnonzero(~springs))
+    open_rotors = _open_rotors(model, standard, np.flatnonzero(~springs)) | dict(rotors)
+    predicted, link = _torques(model, played, standard, np.flatnonzero(~springs), open_rotors)
     load = np.empty((motion.samples, robot.n))
     load[:, ~springs] = link
     for k in np.flatnonzero(springs).tolist():
@@ -116,6 +121,7 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         parameters=np.nan_to_num(standard),
         duration=signals.duration,
         stiffness=stiffness,
+        rotors=open_rotors,
         starts=tuple(int(k) for k in np.concatenate([[0], np.cumsum(lengths)[:-1]])),
         temperature=temperature,
         rounding=_rounding(robot, signals),
@@ -196,11 +202,13 @@ def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
     return motion[index]
 
 
-def _torques(model: Regressor, played: _Played, standard: Array, of_links: NDArray[np.intp]) -> tuple[Array, Array]:
+def _torques(
+    model: Regressor, played: _Played, standard: Array, of_links: NDArray[np.intp], open_rotors: Mapping[int, float]
+) -> tuple[Array, Array]:
     """Return predicted motor torque, (N, n), and the link's share of it (what passes the transmission) of some joints.
 
     The share is (N, k). Where a rotor's inertia shows only in sums with the bodies', which any representative of the
-    parameters divides as it likes, the rotor is the robot file's, as far as that knows it.
+    parameters divides as it likes, the rotor is the robot file's, as far as that knows it, or the one told.
     """
     plan, n, motion = model.estimation, model.robot.n, played.motion
     program, place = plan.program.distinct
@@ -208,6 +216,9 @@ def _torques(model: Regressor, played: _Played, standard: Array, of_links: NDArr
     weights = np.zeros((n + len(of_links), program.outputs))
     shares = {int(joint): n + number for number, joint in enumerate(of_links)}
     rotors = _rotors_in_sums(model) if shares else {}
+    for joint, inertia in open_rotors.items():
+        column, ratio = model.index[model.robot.rotor_names[joint]], model.robot.joints[joint].gear_ratio or 1.0
+        rotors[joint] = column, inertia / ratio**2
     for item in plan.rows:
         if item.row.kind == "sum":
             k = item.row.joint
@@ -235,6 +246,17 @@ def _rotors_in_sums(model: Regressor) -> dict[int, tuple[int, float]]:
         column = model.index.get(name)
         if column is not None and base.classes.get(name) == "combined" and reference[column] > 0:
             found[name.joint] = (column, float(reference[column]))
+    return found
+
+
+def _open_rotors(model: Regressor, standard: Array, joints: NDArray[np.intp]) -> dict[int, float]:
+    """Return the inertias at some joints that rotors have here, though motion shows only sums, and the file nothing."""
+    base, reference, found = find_base(model), model.robot.reference(), dict[int, float]()
+    for joint in joints.tolist():
+        name = model.robot.rotor_names[joint]
+        column = model.index.get(name)
+        if column is not None and base.classes.get(name) == "combined" and not reference[column] > 0:
+            found[joint] = float(standard[column]) * (model.robot.joints[joint].gear_ratio or 1.0) ** 2
     return found
 
 

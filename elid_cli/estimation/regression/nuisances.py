@@ -19,6 +19,7 @@ from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
 
 SIGNIFICANT = 4.0
@@ -56,6 +57,35 @@ def _channel_columns(observation: Observation, name: str, values: Array, unit: s
         if rows:
             extras.append(ExtraColumns(name, rows, (unit,)))
     return extras
+
+
+def beside_effects(
+    nuisances: Sequence[ExtraColumns], effects: Sequence[Effect], columns: Sequence[ExtraColumns]
+) -> list[ExtraColumns]:
+    """Return delays and offsets of torque channels but those that effects of the model, with their columns, are.
+
+    That is a late channel, or a constant torque in the rows of the channel.
+    """
+    late = {effect.joint for effect in effects if effect.corrects == "torque"}
+    return [
+        extra
+        for extra in nuisances
+        if not (extra.nuisance == "delay" and next(iter(extra.rows)).joint in late)
+        and not (extra.nuisance == "offset" and any(_constant(own, extra) for own in columns))
+    ]
+
+
+def _constant(own: ExtraColumns, offset: ExtraColumns) -> bool:
+    """Whether an effect holds the offset of a torque channel: one of its columns is a constant in the same rows.
+
+    A column of zeros is none: what a member of a family lacks.
+    """
+    if own.rows.keys() != offset.rows.keys():
+        return False
+    return any(
+        all(0 < np.abs(values[k]).max() >= 1e9 * np.ptp(values[k]) for values in own.rows.values())
+        for k in range(own.width)
+    )
 
 
 def reading_columns(

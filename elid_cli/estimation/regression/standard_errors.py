@@ -14,6 +14,7 @@ from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_col
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.regression.normal_equations import jackknife
+from elid_cli.estimation.regression.rotor_shares import rotor_columns
 from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 
 SHORT = 400.0
@@ -59,11 +60,13 @@ def covariance_with_dropped(fit: Solved, covariance: Array) -> Array:
 def covariance_with_shapes(fit: Solved) -> Array | None:
     """Return the covariance of a fit's basis and of its effects' free shapes, (r + s, r + s); None without such.
 
-    Shapes count by their logarithms, in the order of the effects, as parameters that have their prior.
+    Shapes count by their logarithms, in the order of the effects, as parameters that have their prior; after them come
+    the shares of rotors that friction under load tells.
     """
     if fit.effects is None or fit.data.samples is None:
         return None
     shapes = shape_columns(fit.effects, fit.signals, fit.amplitudes())
+    shapes += [extra for extra, _ in rotor_columns(fit.effects, fit.signals, fit.amplitudes()).values()]
     if not shapes:
         return None
     extras = [*fit.extras, *shapes]
@@ -76,6 +79,21 @@ def covariance_with_shapes(fit: Solved) -> Array | None:
     place = {int(column): k for k, column in enumerate(wider.basis)}
     kept = [place.get(int(column), -1) for column in basis]
     return None if min(kept) < 0 else whole[np.ix_(kept, kept)]
+
+
+def told_rotors(fit: Solved) -> dict[int, tuple[float, float]]:
+    """Return inertia and standard error, kg·m² (kg) at joints, of rotors that friction under load tells, by joint."""
+    if fit.effects is None or fit.data.samples is None or not fit.effects.scene.rotors:
+        return {}
+    columns = rotor_columns(fit.effects, fit.signals, fit.amplitudes())
+    whole = covariance_with_shapes(fit) if columns else None
+    if whole is None:
+        return {}
+    shares = np.sqrt(np.maximum(np.diag(whole)[-len(columns) :], 0.0)).tolist()
+    here = fit.effects.scene.rotors
+    return {
+        joint: (here[joint], share * most) for (joint, (_, most)), share in zip(columns.items(), shares, strict=True)
+    }
 
 
 def with_prior(wider: Triangles, triangles: Triangles, precision: Array) -> Triangles:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
@@ -53,6 +53,9 @@ class Scene:
     """Length of the whole log, s; effects that vary with time are scaled by it."""
     stiffness: Array
     """Transmission stiffness as far as known, shape (n,); NaN where unknown or rigid."""
+    rotors: Mapping[int, float] = field(default_factory=dict)
+    """Inertia at the joint, kg·m² (kg), that `load` leaves to the rotor of a rigid joint, where motion shows rotor and
+    bodies in sums only and the robot file does not know the rotor."""
     starts: Sequence[int] = (0,)
     """Indices at which a new segment begins; effects with memory start afresh there."""
     temperature: Array | None = None
