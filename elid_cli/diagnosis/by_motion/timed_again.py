@@ -11,8 +11,9 @@ import numpy as np
 
 from elid_cli.diagnosis.by_motion.found import Found
 from elid_cli.diagnosis.by_motion.limits_in_steps import runs_in_steps
+from elid_cli.estimation.trajectory.changes import retuned
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.held_loops import refitted
+from elid_cli.estimation.trajectory.held_loops import at_all_times, clearly_nearer, refitted
 from elid_cli.estimation.trajectory.simulator_steps import is_timed, retimed
 from elid_cli.model.runs import Run
 from elid_cli.signals.signals import Signals
@@ -35,6 +36,12 @@ def timed_again(
         What was found.
     """
     after = whole.done.after
+    changed = bool(whole.changes or whole.scaled.any() or whole.done.limits)
+    if changed and runs[0].drives.held is not None and bare[0].drives.held is None:
+        # loops may have been found in the place of what was missing, such as a filter of velocity
+        free = _at_all_times(bare, whole)
+        if free is not None and clearly_nearer(free, after):
+            return list(bare), free
     if not is_timed(timed, signals):
         other = runs_in_steps(runs, after, whole.done.limits)
         if other[0] is not runs[0] or not is_timed(after, signals):
@@ -44,14 +51,26 @@ def timed_again(
         filtered = "filter" in kinds and kinds <= {"", "filter"} and not whole.scaled.any()
         free = refitted(after, runs, after.z) if filtered else after
         return (list(runs), timed) if free is None else retimed(runs, free, signals)
-    alone = whole.done.named and not whole.changes and not whole.scaled.any() and not whole.done.limits
-    if not alone or _alike(runs[0], bare[0]):
+    if _alike(runs[0], bare[0]):
+        return list(runs), timed
+    if changed or not whole.done.named:
         return list(runs), timed
     free = refitted(after, bare, after.z)
     if free is None or not is_timed(free, signals):
         return list(runs), timed
     other, again = retimed(bare, free, signals)
     return (list(runs), timed) if _alike(other[0], runs[0]) else (other, again)
+
+
+def _at_all_times(bare: Sequence[Run], whole: Found) -> TrajectoryFit | None:
+    """Return the fit with loops that act all the time, and the last change as it is beside these."""
+    free, plain = at_all_times(whole.done.after), list(bare)
+    if free is None or not whole.changes:
+        return free
+    for change in whole.changes[:-1]:
+        plain = change.runs(plain)
+    tuned = retuned(whole.changes[-1], free, plain)
+    return free if tuned is None else tuned.fit
 
 
 def _alike(one: Run, other: Run) -> bool:

@@ -60,10 +60,22 @@ class State:
     scene: Scene
     known: Array | None = None
     """Covariance of the solution's basis where another estimator found the values, (r, r)."""
+    free: tuple[ExtraColumns, ...] = ()
+    """Offsets of torque channels that further effects are scored beside, though they do not show without these."""
     but: frozenset[Fault] = frozenset()
     """Faults of torque channels that the model is taken not to have."""
     lacking: dict[int, State] = field(init=False, default_factory=dict, repr=False, compare=False)
     """The model fitted without an effect, by its number, as asked for last (`without`)."""
+
+    def with_free_offsets(self) -> State:
+        """Return the state in which further effects are scored beside offsets that do not show yet; itself: none.
+
+        As long as an effect is missing an offset may not show, and with it the effect explains several times as much.
+        """
+        own = {(extra.name, sum_row(extra)) for extra in self.nuisances}
+        every = unknowns_of_channels(self.log.data, self.effects, self.columns, self.but)
+        free = [e for e in every if e.nuisance == "offset" and (e.name, sum_row(e)) not in own]
+        return replace(self, free=tuple(free)) if free else self
 
     @property
     def extras(self) -> tuple[ExtraColumns, ...]:
@@ -134,8 +146,8 @@ class State:
     @cached_property
     def projected(self) -> Projected:
         """Whitened problem in which further effects are scored, training stretches only."""
-        training = self.log.training
-        return project(training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, STRETCHES)
+        training, joints = self.log.training, whiteners(self.log.training, self.floor)
+        return project(training, self.extras, self.solution, joints, self.log.fold, STRETCHES, self.free)
 
     @cached_property
     def solved(self) -> Solved:

@@ -27,6 +27,7 @@ def project(
     joints: tuple[JointWhitener, ...],
     fold: NDArray[np.intp],
     folds: int,
+    further: Sequence[ExtraColumns] = (),
 ) -> Projected:
     """Whiten the present model's equations and project the residual.
 
@@ -40,10 +41,14 @@ def project(
         Fold of each instant, (M,); -1 for instants that the search must not see.
     folds
         Number of folds.
+    further
+        Columns that the model lacks, and that may come with whatever else it lacks.
     """
     instants = observation.instants
     columns_of = {
-        group.row: _dense(group.row, observation, extras, solution) for group in observation.groups if group.count
+        group.row: _dense(group.row, observation, extras, solution, further)
+        for group in observation.groups
+        if group.count
     }
     parts, targets, places, kept, adapted = [], [], [], [], []
     stretches: list[Stretch] = []
@@ -84,8 +89,14 @@ def project(
     return Projected(tuple(adapted), tuple(kept), tuple(places), basis, target, tuple(stretches), folds, instants)
 
 
-def _dense(row: EstimationRow, observation: Observation, extras: Sequence[ExtraColumns], solution: Solution) -> Array:
-    """Return the basis columns and, last, the residual of a row group, (r + 1, M)."""
+def _dense(
+    row: EstimationRow,
+    observation: Observation,
+    extras: Sequence[ExtraColumns],
+    solution: Solution,
+    further: Sequence[ExtraColumns],
+) -> Array:
+    """Return the basis columns, further ones and, last, the residual of a row group, (r + d + 1, M)."""
     group = observation.group(row)
     index, columns = full_columns(group, extras, observation.parameters)
     place = {int(column): k for k, column in enumerate(solution.basis)}
@@ -94,4 +105,9 @@ def _dense(row: EstimationRow, observation: Observation, extras: Sequence[ExtraC
         if int(column) in place:
             dense[place[int(column)]] = columns[k]
     dense[-1] = group.target - solution.values[index] @ columns
-    return dense
+    nothing = np.zeros(observation.instants)
+    return (
+        np.insert(dense, [-1], [extra.rows.get(row, nothing[None])[0] for extra in further], axis=0)
+        if further
+        else dense
+    )

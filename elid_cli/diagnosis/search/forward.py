@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -108,7 +108,7 @@ def _searched(
             if state is not screened:  # one that was refused leaves all as it was
                 candidates, count = best_of(state, library, progress, f"search {number + 1}", jobs)
                 screened, tried = state, max(tried, count)
-            chosen = _choose(state, [c for c in candidates if c.net > AGAIN * refused.get(c.key, -np.inf)])
+            chosen = _chosen(state, candidates, refused, lambda one: best_of(one, library, None, "", jobs)[0])
             remaining = candidates
             if chosen is None:
                 break
@@ -127,6 +127,24 @@ def _searched(
         state, steps = _pruned(state, steps, declared)
         state = polished(state, declared)
     return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen, partial=partial)
+
+
+def _chosen(
+    state: State,
+    candidates: Sequence[Candidate],
+    refused: Mapping[tuple[str, int], float],
+    screen: Callable[[State], Sequence[Candidate]],
+) -> Step | None:
+    """Return what is tried next, of candidates or, where none deserves a name, of those beside offsets; None: none."""
+
+    def left(found: Sequence[Candidate]) -> list[Candidate]:
+        return [c for c in found if c.net > AGAIN * refused.get(c.key, -np.inf)]
+
+    chosen = _choose(state, left(candidates))
+    if chosen is not None or at_floor(state):
+        return chosen
+    beside = state.with_free_offsets()
+    return None if beside is state else _choose(beside, left(screen(beside)))
 
 
 def _grown(state: State, candidate: Candidate, seen: Sequence[Skew]) -> State | None:

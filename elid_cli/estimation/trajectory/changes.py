@@ -190,6 +190,11 @@ def nearer_by(one: TrajectoryFit, other: TrajectoryFit) -> float:
     return float(np.log(other.equations.size / one.equations.size).sum())
 
 
+def least_of(fit: TrajectoryFit) -> float:
+    """Return by how much another fit without memory must be nearer to be clearly so, `nearer_by`."""
+    return 0.5 * SURE**2 / sum(int(item.counts.sum()) for item in fit.tracked)
+
+
 def nearer_throughout(one: TrajectoryFit, other: TrajectoryFit) -> float:
     """Return by how many of its standard errors one fit is nearer than another over the course of the log.
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.result import Nuisance
-from elid_cli.estimation.trajectory.changes import CLEARLY, SURE, nearer_by, nearer_throughout
+from elid_cli.estimation.trajectory.changes import CLEARLY, least_of, nearer_by, nearer_throughout
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.loop_periods import WHOLE, allowed_loops, can_delay, late_commands
 from elid_cli.estimation.trajectory.memory import has_memory
@@ -255,11 +255,6 @@ def _bottom(fit: TrajectoryFit, found: dict[float, TrajectoryFit], allowed: Sequ
     return min((0.0, *allowed), key=lambda often: abs((1.0 / often if often else 0.0) - period))
 
 
-def least_of(fit: TrajectoryFit) -> float:
-    """Return by how much another fit without memory must be nearer to be clearly so, `nearer_by`."""
-    return 0.5 * SURE**2 / sum(int(item.counts.sum()) for item in fit.tracked)
-
-
 def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
     """Return whether a fit is clearly nearer to the motion than another one of as many unknowns."""
     by = nearer_by(one, other)
@@ -288,6 +283,17 @@ def of_loops(fit: TrajectoryFit, often: float, dt: float) -> TrajectoryFit | Non
         z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] += lost_to_holding(dt / often, np.mean(gains, axis=0))
     z[fit.unknowns.delays] -= late_commands(fit, dt / often)
     return refitted(fit, [item.run.holding(times) for item in fit.tracked], z)
+
+
+def at_all_times(fit: TrajectoryFit) -> TrajectoryFit | None:
+    """Return the fit under the same drives with loops that act all the time; None where the motion runs away."""
+    drives, dt = [item.run.drives for item in fit.tracked], fit.tracked[0].run.dt
+    period, z = dt / float(max(np.max(own.held) for own in drives if own.held is not None)), fit.z.copy()
+    for kind, gains in (("inertia", [own.kd for own in drives]), ("viscous", [own.kp for own in drives])):
+        z[KINDS.index(kind) : fit.unknowns.drives : len(KINDS)] -= lost_to_holding(period, np.mean(gains, axis=0))
+    z[fit.unknowns.delays] += late_commands(fit, period)
+    never = np.zeros(fit.unknowns.robot.n)
+    return refitted(fit, [item.run.holding(never) for item in fit.tracked], z)
 
 
 def refitted(fit: TrajectoryFit, runs: Sequence[Run], z: Array) -> TrajectoryFit | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.beside import moved_by_runs
-from elid_cli.estimation.trajectory.changes import Change, Changed, changed
+from elid_cli.estimation.trajectory.changes import Change, Changed, changed, least_of, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_filters
@@ -73,9 +73,26 @@ def velocity_filters(before: TrajectoryFit) -> Changed | None:
         sure = found.sure & (found.values > LEAST)
         kept = tuple(joint for joint, may in zip(left, sure, strict=True) if may)
         if kept == left:
-            return found
+            return _fewest(before, found)
         left = kept
     return None
+
+
+def _fewest(before: TrajectoryFit, found: Changed) -> Changed:
+    """Return filters without those with which the motion is no nearer than without them.
+
+    Begun with at every joint, one that is not there may stay where it holds up the others.
+    """
+    by = found.by
+    for joint in sorted(by.joints, key=lambda joint: abs(found.values[by.joints.index(joint)])):
+        rest = tuple(other for other in found.by.joints if other != joint)
+        if joint not in found.by.joints or not rest:
+            continue
+        times = np.array([found.values[found.by.joints.index(other)] for other in rest])
+        fewer = changed(before, filters_of(before.unknowns.robot, rest), times)
+        if fewer is not None and nearer_by(found.fit, fewer.fit) < least_of(fewer.fit):
+            found = fewer
+    return found
 
 
 def with_filters_in_doubt(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
