@@ -19,6 +19,7 @@ from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeA
 from elid_cli.diagnosis.by_motion.search import ALIKE, Searched
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.timed_again import timed_again
+from elid_cli.diagnosis.by_motion.told_again import told_otherwise
 from elid_cli.diagnosis.by_motion.torque_gains import CHECK, found_gains, gain_rivals
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
@@ -100,7 +101,7 @@ def diagnose_motion(
         None of the effects to try is one that a simulated motion is searched for.
     """
     _check_only(robot, only)
-    told = as_told(robot, signals)
+    asked, told = signals, as_told(robot, signals)
     found, signals, recording = found if told is signals else None, told, told.recording
     assert recording is not None  # `by_motion` looked at it
     described, robot, acting = robot, posed(robot), as_acting(robot, signals)
@@ -117,6 +118,9 @@ def diagnose_motion(
     found = found or least_squares(robot, signals)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
+    otherwise = None if whole.done.partial else told_otherwise(asked, signals, runs, whole)
+    if otherwise is not None:
+        return diagnose_motion(described, otherwise, None, only, progress)
     if not whole.done.partial:
         other, judged = timed_again(signals, bare, runs, timed, whole)
         timed = timed if is_timed(timed, signals) else judged

@@ -39,7 +39,8 @@ def timed_again(
     changed = bool(whole.changes or whole.scaled.any() or whole.done.limits)
     if changed and runs[0].drives.held is not None and bare[0].drives.held is None:
         # loops may have been found in the place of what was missing, such as a filter of velocity
-        free = _at_all_times(bare, whole)
+        free = at_all_times(after)
+        free = None if free is None else tuned(whole, free, bare)
         if free is not None and clearly_nearer(free, after):
             return list(bare), free
     if not is_timed(timed, signals):
@@ -62,15 +63,17 @@ def timed_again(
     return (list(runs), timed) if _alike(other[0], runs[0]) else (other, again)
 
 
-def _at_all_times(bare: Sequence[Run], whole: Found) -> TrajectoryFit | None:
-    """Return the fit with loops that act all the time, and the last change as it is beside these."""
-    free, plain = at_all_times(whole.done.after), list(bare)
-    if free is None or not whole.changes:
-        return free
+def tuned(whole: Found, fit: TrajectoryFit, plain: Sequence[Run]) -> TrajectoryFit:
+    """Return a fit with the last of the changes that were found as it is beside drives that act otherwise.
+
+    `plain` are the stretches with these, without what was found.
+    """
+    if not whole.changes:
+        return fit
     for change in whole.changes[:-1]:
         plain = change.runs(plain)
-    tuned = retuned(whole.changes[-1], free, plain)
-    return free if tuned is None else tuned.fit
+    again = retuned(whole.changes[-1], fit, plain)
+    return fit if again is None else again.fit
 
 
 def _alike(one: Run, other: Run) -> bool:

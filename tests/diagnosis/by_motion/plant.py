@@ -42,7 +42,7 @@ def moved(
     push: Extra | None = None, grip: Extra | None = None,
     noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
     tilt: float | np.ndarray = 0.0, integral: np.ndarray | float = 0.0, held: np.ndarray | float = 0.0,
-    resting: bool = False, count: float = 0.0, rates: bool = True, smoothing: float = 0.0,
+    resting: bool = False, count: float = 0.0, rates: bool = True, smoothing: float | np.ndarray = 0.0,
     once: bool = False, sweep: float = 0.2,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
@@ -79,7 +79,7 @@ def moved(
     )]  # fmt: skip
     x, v = x.tolist(), v.tolist()
     sampled = x, v
-    filtered, part = list(v), 1.0 - math.exp(-STEP / smoothing) if smoothing else 1.0
+    filtered, part = list(v), [1.0 - math.exp(-STEP / time) if time else 1.0 for time in np.broadcast_to(smoothing, 3)]
 
     def of(torque: Extra | None, where: list[float], speed: list[float]) -> list[float]:
         if torque is None:
@@ -92,7 +92,9 @@ def moved(
         for j, (kp, kd, offset, viscous, coulomb, mass, more, held_by) in enumerate(
             zip(*constants, of(push, where, speed), of(grip, where, speed), strict=True)
         ):
-            at, rate = (sampled[0][j], sampled[1][j]) if once else (where[j], filtered[j] if smoothing else speed[j])
+            at, rate = (
+                (sampled[0][j], sampled[1][j]) if once else (where[j], filtered[j] if part[j] < 1.0 else speed[j])
+            )
             asked = kp * (told_q[j][told[j]] - at) + kd * (told_dq[j][told[j]] - rate)
             torque = min(max(asked + summed[j], -top[j]), top[j]) - offset - viscous * speed[j]
             pulled = (torque - (weight[j] * math.sin(where[j] - turned[j]) + more)) / mass
@@ -114,7 +116,7 @@ def moved(
             bodies[j] = legs[j] * (after[j] - v[j]) / STEP + weight[j] * math.sin(x[j] - turned[j])
             summed[j] += rise[j] * STEP * (told_q[j][told[j]] - x[j] - 0.25 * STEP * (v[j] + after[j]))
             x[j] += 0.5 * STEP * (v[j] + after[j])
-            filtered[j] += part * (0.5 * (v[j] + after[j]) - filtered[j])
+            filtered[j] += part[j] * (0.5 * (v[j] + after[j]) - filtered[j])
         v = after
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(samples), -0.9 * DT, 0.9 * DT)

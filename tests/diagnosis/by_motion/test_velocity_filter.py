@@ -106,3 +106,20 @@ def test_identify_counts_filters_that_it_does_not_hold(tmp_path: Path, capsys: p
         assert value["estimate"] < 0.9 * armature
         assert abs(value["estimate"] - armature) < 2 * value["std_error"]
         assert told["plain"]["settings"]["trajectory"]["joint_parameters"][name]["Ja"]["std_error"] < 0.02 * armature
+
+
+@pytest.mark.parametrize(("seed", "time"), [(6, 0.006), (3, 0.004)])
+def test_a_filter_of_one_drive_is_its_own_and_the_rest_stays(tmp_path: Path, seed: int, time: float) -> None:
+    """Commands were read as smooth beside it, and it was a drive that acts late; or all drives had filters."""
+    arm, recording = (
+        robot(tmp_path),
+        moved(seed, 7.0, delay=0.001, smoothing=np.array([0.0, time, 0.0]), noise=2e-5, sweep=0.3),
+    )
+    found = diagnose_motion(
+        arm, prepare(read_recording([written(tmp_path, "log.h5", recording)], arm), arm), None, TRIED
+    )
+    assert [(e.effect, e.joint) for e in found.effects] == [("velocity_filter", "two")]
+    assert found.effects[0].parameters["time"] == pytest.approx(time, abs=1e-4)  # a step of the plant is 0.25 ms
+    np.testing.assert_allclose(found.fit_after.delays, 0.001, atol=2e-5)
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)
+    assert np.abs((found.fit_after.values - TRUTH) / error).max() < 5
