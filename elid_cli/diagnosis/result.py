@@ -47,8 +47,10 @@ class Rival:
     """Named effects as they are beside it, where their values hang on which of the two it is."""
     change: Array | None = field(default=None, repr=False, compare=False)
     """By how much it moves the base parameters in place of the named one, (b,); None where there was no such fit."""
+    drives: Array | None = field(default=None, repr=False, compare=False)
+    """The same of the drives' parameters that a motion is fitted with, (n * 4,)."""
     further: Array | None = field(default=None, repr=False, compare=False)
-    """What their standard errors are then more, squared and summed, (b,): it may tell less than the named one."""
+    """What base parameters' standard errors are then more, squared and summed, (b,): it may tell less than that."""
     at: str | None = None
     """The named effect's joint; None where that is one of the whole robot, or effects at several joints together."""
     moved: tuple[tuple[str, float], ...] = ()

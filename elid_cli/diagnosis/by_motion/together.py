@@ -258,9 +258,15 @@ def simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed 
     alike = [one for one in near if nearer_by(one.fit, plain) >= most - CLEARLY]
     best = min(alike, key=lambda one: (one.numbers, -nearer_by(one.fit, plain)))
     return best, tuple(
-        rival for one in alike if one is not best and one.sure.sum() <= best.numbers
+        replace(rival, drives=_moved(one, best)) for one in alike if one is not best and one.sure.sum() <= best.numbers
         for rival in rivals_of(one, best, plain)
     )  # fmt: skip
+
+
+def _moved(one: Changed, best: Changed) -> Array | None:
+    """Return by how much the drives' parameters are other with one change of drives than with another, (n * 4,)."""
+    both, drives = one.by.kind.of_drive and best.by.kind.of_drive, best.fit.unknowns.drives
+    return one.fit.z[:drives] - best.fit.z[:drives] if both else None
 
 
 def rivals_of(one: Changed, best: Changed, before: TrajectoryFit, others: Sequence[Changed] = ()) -> list[Rival]:

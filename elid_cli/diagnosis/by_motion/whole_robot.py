@@ -61,8 +61,8 @@ from elid_cli.signals.signals import Signals
 CHANGES = 3
 """Most changes that are taken one after the other."""
 HIDING = 1.03
-"""Times the encoders' noise from which a load, whose many numbers imitate much, is asked for with something else beside
-it, and the masses of another body in place of what was found. Measured: what is right leaves 0.9 to 1."""
+"""Times the encoders' noise from which a load, which imitates much, is asked for with something else beside it, and the
+masses of another body in place of what was found. Measured: what is right leaves 0.9 to 1."""
 HOPED = 0.3
 """Part of the squared error beyond noise that other masses must take alone for a search to be made with them."""
 
@@ -311,8 +311,7 @@ def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[
     """Return what a search finds with changes, where they come clearly nearer; the log then."""
     if asked is None:
         return found, log
-    other, done = log.changed(asked)
-    # a load may bring little with the values that it has alone
+    other, done = log.changed(asked)  # a load may bring little with the values that it has alone
     if not (asked.whole or asked.is_nearer(done.after, found.done.after)):
         return found, log
     if log.is_left(done.after, HIDING if asked.whole else DOUBTED):
@@ -328,8 +327,9 @@ def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[
         return found, log
     done = replace(done, tried=done.tried + found.done.tried)
     rivals = (*rivals, *(rival for change in asked.changes for rival in load_rivals(change, found.plain)))
+    shifts = (*found.shifts, *(rival.drives for rival in rivals if rival.drives is not None))
     return replace(found, done=done, plain=done.before, robot=asked.robot, changes=(*found.changes, *asked.changes),
-                   gains=None, rivals=(*found.rivals, *rivals)), other  # fmt: skip
+                   gains=None, rivals=(*found.rivals, *rivals), shifts=shifts), other  # fmt: skip
 
 
 def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Iterator[tuple[Together, Sequence[Rival]]]:

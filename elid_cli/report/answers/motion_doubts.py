@@ -42,7 +42,7 @@ def scale_words(found: MotionDiagnosis) -> str:
         return ""
     change = 1.0 / (1.0 + sizes[0]) - 1.0
     size = f"{share_text(abs(change))} {'smaller' if change < 0 else 'larger'}"
-    return f" If it is the gain, all values below are {size}."
+    return f" If it is the gain, friction and offset below are {size}, and so are motor and bodies' inertia together."
 
 
 def alike_words(found: MotionDiagnosis) -> str:

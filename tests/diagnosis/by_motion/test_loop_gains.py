@@ -18,7 +18,7 @@ from elid_cli.model.effects.of_drives import declared_loop_gains
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.robot.text import text_of
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, KD, NAMES, VISCOUS, moved, robot, written
 
@@ -89,3 +89,44 @@ def test_a_gain_that_leaves_none_is_refused(tmp_path: Path) -> None:
     arm = replace(robot(tmp_path), effects=(EffectSpec("damping_gain", NAMES[0], {"gain": -1.0}),))
     with pytest.raises(RobotError, match="leaves no gain"):
         declared_loop_gains(arm)
+
+
+def _slide(seconds: float = 6.0, dt: float = 0.004, fine: int = 20) -> Recording:
+    """Return a log of a mass of 3 kg (and 1 kg of the drive) on a level slide, whose kd is 20 % above the drive's."""
+    rng, samples, step = np.random.default_rng(3), round(seconds / dt), dt / fine
+    t = dt * np.arange(samples)
+    waves = [(0.05 / k, 2 * np.pi * 0.37 * k, rng.uniform(0, 6)) for k in (1, 2, 3, 5)]
+    told = sum(a * np.sin(w * t + p) for a, w, p in waves)
+    rate = sum(a * w * np.cos(w * t + p) for a, w, p in waves)
+    x, v, seen = float(told[0]), 0.0, []
+    for k in range(samples):
+        seen.append(x)
+        for _ in range(fine):
+            push = 900.0 * (told[k] - x) + 50.0 * (rate[k] - v) - 8.0 * v
+            slid = v + step * (push - 4.0 * np.sign(v)) / 4.0
+            if v * slid < 0 or (v == 0 and abs(push) < 4.0):
+                slid = 0.0
+            x, v = x + 0.5 * step * (v + slid), slid
+    q = np.array(seen)[:, None] + 1e-6 * rng.standard_normal((samples, 1))
+    gains = {"kp": np.full((samples, 1), 900.0), "kd": np.full((samples, 1), 60.0)}
+    commands = {"q_des": told[:, None], "dq_des": rate[:, None], **gains}
+    return Recording(
+        joints=("x",), dt=dt, t=t, q=q, theta=q, tau=np.full_like(q, np.nan), commands=commands,
+        segments=(Segment(0, samples),), files=("slide.h5",),
+    )  # fmt: skip
+
+
+def test_of_gains_that_do_as_well_errors_count_what_the_other_makes_of_the_drive(tmp_path: Path) -> None:
+    """Nothing of known size acts on a level slide: kd 20 % less, or kp, inertia and friction 20 % more."""
+    path = tmp_path / "slide.xml"
+    path.write_text(
+        '<mujoco model="slide"><worldbody><body><joint name="x" type="slide" axis="1 0 0"/>'
+        '<inertial pos="0 0 0" mass="3" diaginertia="0.01 0.01 0.01"/></body></worldbody></mujoco>'
+    )
+    arm = read_robot(path)
+    log = read_recording([written(tmp_path, "slide.h5", _slide())], arm)
+    found = diagnose_motion(arm, prepare(log, arm), None, TRIED)
+    assert {"position_gain", "damping_gain"} <= {e.effect for e in (*found.effects, *found.also_possible)}
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)[0, :3]
+    off = found.fit_after.values[0, :3] - np.array([1.0, 4.0, 8.0])
+    assert (np.abs(off) < 4 * error).all()
