@@ -18,6 +18,7 @@ from functools import cache
 from elid_cli.model.kinematics import Body, JointState, chain
 from elid_cli.model.program import Program, compile_program
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState, entries
+from elid_cli.model.terms.rigid_body import RigidBody
 from elid_cli.model.towards_base import Inertia, JointRows, mass_rows, with_unit_twists
 from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
@@ -133,7 +134,8 @@ class NumericEquations:
         n = self.robot.n
         motion = ChainMotion(self._bodies(resting, gravity=False), [MotorState(0.0, 1.0, 0.0, 0.0)] * n)
         rows = [JointRows(n) for _ in range(n)]
-        for entry in entries(self.terms, self.robot, motion):
+        moving = [term for term in self.terms if not isinstance(term, RigidBody)]
+        for entry in entries(moving, self.robot, motion):
             rows[entry.parameter.joint].take(entry, self.values, self.elastic)
         return [own.torques(self.robot, resting)[0] for own in rows]
 

@@ -185,10 +185,8 @@ class Robot:
         """The joint that carries each one, -1 for the base: always an earlier joint."""
         found: list[int] = []
         for k, joint in enumerate(self.joints):
-            if joint.parent == BASE:
-                found.append(-1)
-            else:
-                found.append(self.joint_names.index(joint.parent) if joint.parent else k - 1)
+            before = self.joint_names.index(joint.parent) if joint.parent not in ("", BASE) else k - 1
+            found.append(-1 if joint.parent == BASE else before)
             if found[-1] >= k:
                 raise ValueError(f"{joint.name} stands before its parent {joint.parent}")
         return tuple(found)
@@ -302,10 +300,14 @@ class Robot:
 
     def placements(self) -> tuple[tuple[Array, Array], ...]:
         """Return (before, after) of every joint: constant 4x4 transforms around its motion about or along z."""
-        if self.dh not in ("standard", "modified"):
-            return tuple(by_axis(j.xyz, j.rpy, j.axis) for j in self.joints)
-        modified = self.dh == "modified"
-        return tuple(by_dh(j.a, j.alpha, j.d, j.theta, modified=modified) for j in self.joints)
+        return self._placements
+
+    @cached_property
+    def _placements(self) -> tuple[tuple[Array, Array], ...]:
+        if self.dh in ("standard", "modified"):
+            modified = self.dh == "modified"
+            return tuple(by_dh(j.a, j.alpha, j.d, j.theta, modified=modified) for j in self.joints)
+        return tuple(by_axis(j.xyz, j.rpy, j.axis) for j in self.joints)
 
     def parameter_names(self) -> tuple[StandardParameter, ...]:
         """Return the standard parameters' names in standard order (eq. 14); a rigid joint has no K."""

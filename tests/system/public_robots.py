@@ -56,9 +56,9 @@ def movable(robot: Robot) -> Robot:
     return replace(known(robot), joints=tuple(heavy))
 
 
-def moved(robot: Robot) -> Simulation:
-    """Return a second of the robot's motion, logged at 100 Hz."""
-    return run(robot, SimulationOptions(duration=1.0, rate=100))
+def moved(robot: Robot, duration: float = 1.0) -> Simulation:
+    """Return some seconds of the robot's motion, logged at 100 Hz."""
+    return run(robot, SimulationOptions(duration=duration, rate=100))
 
 
 def torque_error(robot: Robot, found: Simulation) -> float:
