@@ -32,7 +32,7 @@ ROUNDED = {"anymal-kinova.urdf", "kinova.urdf", "hextilt_flying_arm_5.urdf", "so
            "al5d_robot.urdf", "puma560_robot.urdf"}  # fmt: skip
 """Files whose right angles are rounded, so that Pinocchio sees up to three parameters more."""
 SIMULATED = 10
-"""Joints up to which a robot is simulated here, for a third of a second; `python -m tests.system.reproduce.public_robots`
+"""Joints up to which a robot is simulated here, for 0.3 s; `python -m tests.system.reproduce.public_robots`
 does it for a second with every robot of up to 60 joints."""
 FILES = files()
 pytestmark = pytest.mark.skipif(not FILES, reason="needs the public robots: pip install 'elid[robots]'")

@@ -71,38 +71,46 @@ def moved(
     speeds = np.empty_like(states)
     states[0], speeds[0] = x, v
     # plain numbers: arrays of three would take ten times as long
-    summed, top, turned, rise = ((np.zeros(3) + value).tolist() for value in (held, limit, tilt, integral))
-    late, bodies = np.broadcast_to(np.round(np.asarray(delay) / STEP), 3).astype(int).tolist(), [0.0] * 3
+    summed, rise, turned = ((np.zeros(3) + value).tolist() for value in (held, integral, tilt))
+    late, bodies, none = (
+        np.broadcast_to(np.round(np.asarray(delay) / STEP), 3).astype(int).tolist(),
+        [0.0] * 3,
+        [0.0] * 3,
+    )
     weight, legs = (MASS * GRAVITY * REACH).tolist(), (INERTIA + MASS * REACH**2).tolist()
-    told_q, told_dq, constants = q_des.T.tolist(), dq_des.T.tolist(), [(np.zeros(3) + c).tolist() for c in (
-        KP, KD, OFFSET, VISCOUS, COULOMB, inertia
-    )]  # fmt: skip
+    told_q, told_dq = q_des.T.tolist(), dq_des.T.tolist()
+    constants = list(enumerate(zip(*((np.zeros(3) + c).tolist() for c in (
+        KP, KD, OFFSET, VISCOUS, COULOMB, inertia, limit, weight, tilt
+    )), strict=True)))  # fmt: skip
     x, v = x.tolist(), v.tolist()
     sampled = x, v
     filtered, part = list(v), [1.0 - math.exp(-STEP / time) if time else 1.0 for time in np.broadcast_to(smoothing, 3)]
+    late_speeds = min(part) < 1.0
+    free, sin, copysign = push is None and grip is None, math.sin, math.copysign
 
-    def of(torque: Extra | None, where: list[float], speed: list[float]) -> list[float]:
-        if torque is None:
-            return [0.0] * 3
-        return (np.zeros(3) + torque(np.array(where), np.array(speed), np.array(bodies))).tolist()
+    def of(torque: Extra | None, where: np.ndarray, speed: np.ndarray) -> list[float]:
+        return none if torque is None else (np.zeros(3) + torque(where, speed, np.array(bodies))).tolist()
 
     def moved_by(told: list[int], over: float, where: list[float], speed: list[float]) -> list[float]:
         """Return the velocity after a time under what acts at a state."""
         after = []
-        for j, (kp, kd, offset, viscous, coulomb, mass, more, held_by) in enumerate(
-            zip(*constants, of(push, where, speed), of(grip, where, speed), strict=True)
-        ):
-            at, rate = (
-                (sampled[0][j], sampled[1][j]) if once else (where[j], filtered[j] if part[j] < 1.0 else speed[j])
-            )
-            asked = kp * (told_q[j][told[j]] - at) + kd * (told_dq[j][told[j]] - rate)
-            torque = min(max(asked + summed[j], -top[j]), top[j]) - offset - viscous * speed[j]
-            pulled = (torque - (weight[j] * math.sin(where[j] - turned[j]) + more)) / mass
-            braked, own = (coulomb + held_by) / mass, v[j]
-            slid = own + over * (pulled - math.copysign(braked, own) if own else pulled)
+        more = held_by = none
+        if not free:
+            arrays = np.array(where), np.array(speed)
+            more, held_by = of(push, *arrays), of(grip, *arrays)
+        seen, rates = sampled if once else (where, speed)
+        if late_speeds and not once:
+            rates = [filtered[j] if part[j] < 1.0 else speed[j] for j in range(3)]
+        for j, (kp, kd, offset, viscous, coulomb, mass, top, heavy, turn) in constants:
+            torque = kp * (told_q[j][told[j]] - seen[j]) + kd * (told_dq[j][told[j]] - rates[j]) + summed[j]
+            torque = -top if torque < -top else top if torque > top else torque
+            torque = torque - offset - viscous * speed[j]
+            pulled = (torque - (heavy * sin(where[j] - turn) + more[j])) / mass
+            braked, own = (coulomb + held_by[j]) / mass, v[j]
+            slid = own + over * (pulled - copysign(braked, own) if own else pulled)
             # a joint that comes to rest within the time is at rest, or goes on, for what is left of it
             left = 1.0 if own == 0 else slid / (slid - own) if slid * own < 0 else 0.0
-            after.append(over * left * math.copysign(max(abs(pulled) - braked, 0.0), pulled) if left > 0 else slid)
+            after.append(over * left * copysign(max(abs(pulled) - braked, 0.0), pulled) if left > 0 else slid)
         return after
 
     for k in range(len(states) - 1):
@@ -113,10 +121,12 @@ def moved(
         half = moved_by(told, 0.5 * STEP, x, v)
         after = moved_by(told, STEP, [a + 0.25 * STEP * (u + w) for a, u, w in zip(x, v, half, strict=True)], half)
         for j in range(3):
-            bodies[j] = legs[j] * (after[j] - v[j]) / STEP + weight[j] * math.sin(x[j] - turned[j])
+            if not free:
+                bodies[j] = legs[j] * (after[j] - v[j]) / STEP + weight[j] * sin(x[j] - turned[j])
             summed[j] += rise[j] * STEP * (told_q[j][told[j]] - x[j] - 0.25 * STEP * (v[j] + after[j]))
             x[j] += 0.5 * STEP * (v[j] + after[j])
-            filtered[j] += part[j] * (0.5 * (v[j] + after[j]) - filtered[j])
+            if late_speeds:
+                filtered[j] += part[j] * (0.5 * (v[j] + after[j]) - filtered[j])
         v = after
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(samples), -0.9 * DT, 0.9 * DT)
