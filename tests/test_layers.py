@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,17 +25,18 @@ def room_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+@cache
 def imports(path: Path) -> list[tuple[int, str]]:
     """Return (line, dotted name) of everything a file imports, inside functions too, type checking excepted."""
-    tree = ast.parse(path.read_text("utf-8"))
+    nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
     skipped = {
         id(node)
-        for branch in ast.walk(tree)
+        for branch in nodes
         if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.unparse(branch.test)
         for node in ast.walk(branch)
     }
     found: list[tuple[int, str]] = []
-    for node in ast.walk(tree):
+    for node in nodes:
         if id(node) in skipped:
             continue
         if isinstance(node, ast.Import):
@@ -47,6 +49,7 @@ def imports(path: Path) -> list[tuple[int, str]]:
     return found
 
 
+@cache  # and not where tests are collected, which every worker does
 def arrows() -> dict[str, set[str]]:
     """Return room -> rooms that it imports."""
     rooms = {room_of(path) for path in MODULES}
@@ -59,17 +62,15 @@ def arrows() -> dict[str, set[str]]:
     return {room: found - {room} for room, found in graph.items()}
 
 
-GRAPH = arrows()
-
-
 def test_every_file_belongs_to_a_room() -> None:
-    assert set(GRAPH) == {*ROOMS, *DOORS}
+    assert set(arrows()) == {*ROOMS, *DOORS}
 
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_arrow_points_back(room: str) -> None:
     below = ROOMS[: ROOMS.index(room)]
-    assert GRAPH[room] <= {*below, "__init__"}, f"{room} imports {sorted(GRAPH[room] - set(below))}"
+    found = arrows()[room]
+    assert found <= {*below, "__init__"}, f"{room} imports {sorted(found - set(below))}"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
