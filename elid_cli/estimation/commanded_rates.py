@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.estimation.trajectory.nearer import Nearer, nearer_by_motion
+from elid_cli.estimation.trajectory.nearer import Known, Nearer, nearer_by_motion
 from elid_cli.logs.checks.commanded import UNTOLD, commanded_torque
 from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.robot.robot import Robot
@@ -44,9 +44,10 @@ def with_rates(robot: Robot, signals: Signals) -> Signals:
     told = rated(robot, recording)
     torque, delayed = command_torque(told)
     other = replace(signals, recording=told, tau=torque, command_torque=delayed)
-    nearer = nearer_by_motion(robot, signals, other)
+    known: Known = {}
+    nearer = nearer_by_motion(robot, signals, other, known=known)
     if _is_told(robot, nearer):
-        if not _as_near_without(robot, signals, other):
+        if not _as_near_without(robot, signals, other, known):
             return other
         nearer = None
     none = {**recording.commands, "dq_des": np.zeros_like(recording.commands["q_des"])}
@@ -58,7 +59,7 @@ def _is_told(robot: Robot, nearer: Nearer | None) -> bool:
     return nearer is not None and nearer.by > (0.0 if nearer.at_noise else BY_FAR * robot.n)
 
 
-def _as_near_without(robot: Robot, plain: Signals, told: Signals) -> bool:
+def _as_near_without(robot: Robot, plain: Signals, told: Signals, known: Known) -> bool:
     """Whether drives that are told no rate come as near where commands are smooth, or their loops hold their torque.
 
     Of such drives neither inertia nor viscous friction is left by a fit that lacks this, which rates and a delay of
@@ -70,9 +71,10 @@ def _as_near_without(robot: Robot, plain: Signals, told: Signals) -> bool:
         smooth = replace(recording, smooth=True)
         torque, delayed = command_torque(smooth)
         one = replace(plain, recording=smooth, tau=torque, command_torque=delayed)
-        if not _is_told(robot, nearer_by_motion(robot, one, told)):
+        if not _is_told(robot, nearer_by_motion(robot, one, told, known=known)):
             return True
-    return not recording.smooth and not _is_told(robot, nearer_by_motion(robot, plain, told, loops=True))
+    looped = None if recording.smooth else nearer_by_motion(robot, plain, told, loops=True, known=known)
+    return not recording.smooth and not _is_told(robot, looped)
 
 
 def rated(robot: Robot, recording: Recording) -> Recording:

@@ -14,7 +14,7 @@ import numpy as np
 from elid_cli.errors import DataError, LogError
 from elid_cli.estimation.commanded_rates import rated, with_rates
 from elid_cli.estimation.result import EstimateOptions, Identification
-from elid_cli.estimation.trajectory.nearer import is_quick, nearer_by_motion
+from elid_cli.estimation.trajectory.nearer import Known, is_quick, nearer_by_motion
 from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
@@ -135,9 +135,10 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool | None:
     )
     if not doubted:
         return None
-    nearer = nearer_by_motion(robot, held, smooth)
+    known: Known = {}
+    nearer = nearer_by_motion(robot, held, smooth, known=known)
     if nearer is not None and nearer.bound and nearer.by >= 0:
-        looped = nearer_by_motion(robot, held, smooth, loops=True)
+        looped = nearer_by_motion(robot, held, smooth, loops=True, known=known)
         if looped is not None and looped.by <= 0:
             return False
     if nearer is not None:

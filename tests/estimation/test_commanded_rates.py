@@ -127,7 +127,7 @@ def test_rates_are_taken_only_where_nothing_else_comes_as_near(
     """Stairs that no drive was given, or a torque that is held, looked like rates with a delay of many samples."""
     from elid_cli.logs import read_recording
 
-    def nearer(robot: Robot, one: Signals, other: Signals, *, loops: bool = False) -> Nearer:
+    def nearer(robot: Robot, one: Signals, other: Signals, *, loops: bool = False, known: object) -> Nearer:
         assert one.recording is not None
         asked = "loops" if loops else "smooth" if one.recording.smooth else "held"
         return Nearer(0.0 if asked == near else 9.0, True, (0.0, 0.015))

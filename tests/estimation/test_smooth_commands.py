@@ -164,7 +164,7 @@ def test_the_motion_is_asked_where_half_a_sample_may_be_in_viscous_friction(
     monkeypatch.setattr(smooth_commands, "_least_squares", lambda robot, signals: found)
     monkeypatch.setattr(smooth_commands, "_stairs", lambda held, found: 0.0)
     monkeypatch.setattr(smooth_commands, "_delay", lambda found: late)
-    monkeypatch.setattr(smooth_commands, "nearer_by_motion", lambda *logs: Nearer(1.0, True, (0.0, 0.0)))
+    monkeypatch.setattr(smooth_commands, "nearer_by_motion", lambda *logs, **how: Nearer(1.0, True, (0.0, 0.0)))
     told = smooth_commands.as_told(pendulums, prepare(every(4, duration=6.0), pendulums)).recording
     assert told is not None
     assert told.smooth is asked

@@ -46,11 +46,18 @@ class Nearer:
     """Whether the other leaves a joint no viscous friction, as loops that hold their torque would."""
 
 
-def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool = False) -> Nearer | None:
+Known = dict[tuple[int, float, bool], TrajectoryFit]
+"""Fits of a robot to versions of a log: by `id` of the version, the part of it and whether friction may fade in."""
+
+
+def nearer_by_motion(
+    robot: Robot, one: Signals, other: Signals, *, loops: bool = False, known: Known | None = None
+) -> Nearer | None:
     """Return which version of a log the motion is nearer to; None where it cannot be simulated.
 
     Declared effects of another shape are left out, and of a long log its middle is looked at. With `loops` the one's
-    drives hold their torque where the motion is nearer so.
+    drives hold their torque where the motion is nearer so. What is `known` of the robot, whose versions live as long,
+    is not fitted again, and what is fitted is added to it.
     """
     from elid_cli.estimation.trajectory.held_loops import nearest_loops, negative
     from elid_cli.estimation.trajectory.simulator_steps import with_steps
@@ -61,11 +68,15 @@ def nearer_by_motion(robot: Robot, one: Signals, other: Signals, *, loops: bool 
     if not is_known(robot):
         return None
     part, soft = min(1.0, LONGEST / seconds(robot, one)), is_quick(robot, one)
+    known = {} if known is None else known
     try:
-        # a simulator's steps, too, seem half a sample ahead of held commands
-        fits = [with_steps(_fit(robot, posed(robot), log, part, soft=soft), log) for log in (one, other)]
+        for log in (one, other):
+            if (id(log), part, soft) not in known:
+                # a simulator's steps, too, seem half a sample ahead of held commands
+                known[id(log), part, soft] = with_steps(_fit(robot, posed(robot), log, part, soft=soft), log)
     except (DataError, LogError, RobotError):
         return None
+    fits = [known[id(log), part, soft] for log in (one, other)]
     if loops:
         fits[0] = nearest_loops(fits[0])
     by = float(np.log(fits[0].equations.size / fits[1].equations.size).sum())
