@@ -61,8 +61,8 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
     recording = signals.recording
     if recording is None or recording.smooth is not None or not recording.commanded.all():
         return signals
-    held = replace(signals, recording=replace(recording, smooth=False))
-    smooth = as_smooth(signals)
+    signals = replace(signals, recording=replace(recording, inferred=True))
+    held, smooth = replace(signals, recording=replace(recording, smooth=False, inferred=True)), as_read(signals)
     try:
         found = _is_smooth(robot, held, smooth)
     except DataError:  # nothing can be fitted, which whoever asks will say
@@ -99,10 +99,10 @@ def recorded_as_told(
         return recording
 
 
-def as_smooth(signals: Signals) -> Signals:
-    """Return a log of commands alone whose commands change smoothly from sample to sample."""
+def as_read(signals: Signals, *, smooth: bool = True) -> Signals:
+    """Return a log of commands alone whose commands change smoothly from sample to sample, or are held."""
     assert signals.recording is not None
-    recording = replace(signals.recording, smooth=True)
+    recording = replace(signals.recording, smooth=smooth)
     tau, told = command_torque(recording)
     return replace(signals, tau=tau, command_torque=told, recording=recording)
 

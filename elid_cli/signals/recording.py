@@ -84,6 +84,8 @@ class Recording(Shown):
     are held; None: nobody said, and they count as held."""
     doubted: bool = False
     """Whether they may as well be the other of the two: neither the log nor anybody says."""
+    inferred: bool = False
+    """Whether `smooth` is what the motion says: nobody said."""
     segments: tuple[Segment, ...] = ()
     files: tuple[str, ...] = ()
     sha256: tuple[str, ...] = ()

@@ -101,7 +101,7 @@ def diagnose_motion(
         None of the effects to try is one that a simulated motion is searched for.
     """
     _check_only(robot, only)
-    asked, told = signals, as_told(robot, signals)
+    told = as_told(robot, signals)
     found, signals, recording = found if told is signals else None, told, told.recording
     assert recording is not None  # `by_motion` looked at it
     described, robot, acting = robot, posed(robot), as_acting(robot, signals)
@@ -118,7 +118,7 @@ def diagnose_motion(
     found = found or least_squares(robot, signals)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
-    otherwise = None if whole.done.partial else told_otherwise(asked, signals, runs, whole)
+    otherwise = None if whole.done.partial else told_otherwise(told, runs, whole)
     if otherwise is not None:
         return diagnose_motion(described, otherwise, None, only, progress)
     if not whole.done.partial:
