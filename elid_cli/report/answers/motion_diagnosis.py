@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import hypot
 from typing import Any
 
@@ -10,6 +11,7 @@ from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, mean_abs_of
 from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import ABOVE
+from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.diagnosis_tables import ADDED, SAME
@@ -71,7 +73,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         inputs.heading(found.robot, recording),
         answers(_trust(found), _missing(found), parameter_words(found.after), record),
         *([Text("partial", PARTIAL, "warning")] if found.partial else []),
-        *warned((*recording.warnings, *found.after.warnings)),
+        *warned((*_log_warnings(found), *found.after.warnings)),
         *_effect_sections(found),
         _position_table(found),
         *_differing_section(found),
@@ -94,7 +96,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
 def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
     """Return the JSON object of a diagnosis by motion (docs/reference/json.md)."""
     before, after = found.mean_abs
-    payload = identification_payload(found.after, found.recording)
+    payload = identification_payload(found.after, replace(found.recording, warnings=_log_warnings(found)))
     if found.free_bodies is not None:
         payload["warnings"].append(free_bodies_words(found))
     if found.alone:
@@ -123,6 +125,15 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "other_bodies": dict(found.other_bodies),
         **({} if found.free_bodies is None else {"free_bodies": {"mean_abs": mean_abs_of(found.free_bodies)}}),
     }  # fmt: skip
+
+
+def _log_warnings(found: MotionDiagnosis) -> tuple[str, ...]:
+    """Return the warnings of the log, without what an effect explains: a torque against the weight, as of a spring.
+
+    With a wrong sign the bodies' weight would not move the robot as it was measured.
+    """
+    explained = found.effects and not found.unexplained
+    return tuple(line for line in found.recording.warnings if not (explained and AGAINST in line))
 
 
 def _rival(rival: Rival) -> dict[str, Any]:

@@ -10,7 +10,9 @@ import pytest
 
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.smooth_commands import as_read, as_told
+from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.logs.reading import read_recording
+from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_payload
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, DT, OFFSET, VISCOUS, moved, robot, written
@@ -43,3 +45,9 @@ def test_commands_read_as_held_beside_what_was_missing_are_read_again(tmp_path: 
     assert found.effects[0].parameters["stiffness"] == pytest.approx(SPRING, rel=0.01)
     np.testing.assert_allclose(found.fit_after.delays, 0.5 * DT, atol=2e-4)  # each is held for a sample of the plant
     np.testing.assert_allclose(found.fit_after.values, TRUTH, rtol=0.005)
+    # a spring explains a torque against the weight, and a wrong sign would leave more than noise
+    line = f"tau of two {AGAINST} of the described bodies: a sign is wrong"
+    warned = replace(found, recording=replace(found.recording, warnings=(line, "clocks differ")))
+    assert "clocks differ" in motion_diagnosis_payload(warned)["warnings"]
+    assert line not in motion_diagnosis_payload(warned)["warnings"]
+    assert line in motion_diagnosis_payload(replace(warned, effects=()))["warnings"]
