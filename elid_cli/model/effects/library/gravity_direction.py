@@ -22,7 +22,10 @@ class GravityDirection(Effect):
 
     name = "gravity_direction"
     summary = "base not level: gravity points elsewhere than described"
-    equation = "link equations: roll dG/d(roll) + pitch dG/d(pitch),  G = gravity torques of the present model"
+    equation = (
+        "link equations: roll dG/d(roll) + pitch dG/d(pitch),  G = gravity torques of the present model;"
+        " large ones are one rotation, about the axis and by the size of (roll, pitch)"
+    )
     physics = "A robot bolted to a sloping floor, a wall or a cart, or a base frame that was never measured."
     typical = "0.5-5 degrees"
     fingerprint = "whole joint only, of several joints; static, as weight in another direction leaves it"
