@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import click
+
 from elid_cli.cli.output import note
 from elid_cli.errors import ElidError, UsageError
 from elid_cli.experiment.robot_file import (
@@ -82,6 +84,7 @@ def write_found(
     from elid_cli.estimation.refined_robot import impossible_words
 
     note([said for said in impossible_words(found) if said in remarks], output, "warning")
+    refined = _with_given_gains(refined)
     told, told_of = found, refined
     nuisances = {(item.effect, item.joint) for item in found.nuisances}
     written: list[str] = []
@@ -116,6 +119,19 @@ def write_found(
     if files.write_actuators is not None:  # of the fit whose values the robot file holds
         _write_actuators(told, told_of, files.write_actuators)
     return Written(tuple(written), refusals[0] if refusals else None)
+
+
+def _with_given_gains(robot: Robot) -> Robot:
+    """Return a robot with the drives' gains of the command line: its logs lack them, and replays of them need them."""
+    from dataclasses import replace
+
+    given = {gain: click.get_current_context().params.get(gain) for gain in ("kp", "kd")}
+    control = dict(robot.control)
+    for gain, values in given.items():
+        if values is not None:
+            each = values if isinstance(values, list) else [values] * robot.n
+            control[gain] = dict(zip(robot.joint_names, each, strict=True))
+    return replace(robot, control=control)
 
 
 def _write_actuators(found: Identification, refined: Robot, path: str) -> None:
