@@ -316,9 +316,9 @@ def gains_as_near(gains: Gains | None, asked: Together, before: TrajectoryFit) -
     return tuple(Rival(e.effect, e.joint, first, e.gain, e.parameters, record, e.std_error) for e in told)
 
 
-def drives_itself(gains: Gains, asked: Together) -> bool:
-    """Whether a joint would have a negative viscous friction with gains of the drives that it has not with changes."""
-    return bool((negative(gains.fit, SURE) & ~negative(asked.fit, SURE)).any())
+def drives_itself(gains: Gains, asked: Together, errors: float = SURE) -> bool:
+    """Whether a joint has no viscous friction with gains, less than none by so many errors, and some with changes."""
+    return bool((negative(gains.fit, errors) & ~negative(asked.fit, errors)).any())
 
 
 def clearly_nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:

@@ -157,9 +157,9 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
 def _goes_before(asked: Together, gains: Gains, plain: Found) -> bool:
     """Whether a change is named before gains: it comes clearly nearer, or is a load that does as well as several.
 
-    Or no joint would drive itself with it as one does with the gains.
+    Or a joint has viscous friction with it that has none with the gains.
     """
-    if drives_itself(gains, asked) and not clearly_nearer(gains.fit, asked.fit):
+    if drives_itself(gains, asked, 0.0) and not clearly_nearer(gains.fit, asked.fit):
         return True
     several = int(nearer(plain.done.after, gains, plain.done.named).sum()) > 1
     return clearly_nearer(asked.fit, gains.fit) or (

@@ -130,3 +130,10 @@ def test_of_gains_that_do_as_well_errors_count_what_the_other_makes_of_the_drive
     error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)[0, :3]
     off = found.fit_after.values[0, :3] - np.array([1.0, 4.0, 8.0])
     assert (np.abs(off) < 4 * error).all()
+
+
+def test_of_gains_as_near_the_one_that_leaves_viscous_friction_is_named(tmp_path: Path) -> None:
+    # a fifth of kd is all of the joint's viscous friction: with a torque gain, there is none or less
+    _, found = diagnosed(tmp_path, logged(6, 5.0, "kp", -0.2003, rates=False))
+    assert [(e.effect, e.joint) for e in found.effects] == [("position_gain", NAMES[1])]
+    assert np.abs(scores(found)).max() < 4.5
