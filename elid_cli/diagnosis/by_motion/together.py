@@ -265,8 +265,8 @@ def simplest(changes: Sequence[Changed], plain: TrajectoryFit) -> tuple[Changed 
 
 def _moved(one: Changed, best: Changed) -> Array | None:
     """Return by how much the drives' parameters are other with one change of drives than with another, (n * 4,)."""
-    both, drives = one.by.kind.of_drive and best.by.kind.of_drive, best.fit.unknowns.drives
-    return one.fit.z[:drives] - best.fit.z[:drives] if both else None
+    both = one.by.kind.of_drive and best.by.kind.of_drive
+    return (one.fit.z - best.fit.z)[: best.fit.unknowns.drives] if both else None
 
 
 def rivals_of(one: Changed, best: Changed, before: TrajectoryFit, others: Sequence[Changed] = ()) -> list[Rival]:
