@@ -19,6 +19,8 @@ from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 
 SHORT = 400.0
 """Independent instants below which a log is short."""
+ROTOR_KNOWN = 0.3
+"""Share of a rotor's inertia that its standard error may be for it to be told."""
 LEAST_LEFT = 1e-3
 """Share of the information on a direction that a stretch is taken to leave to the others at least."""
 
@@ -82,7 +84,10 @@ def covariance_with_shapes(fit: Solved) -> Array | None:
 
 
 def told_rotors(fit: Solved) -> dict[int, tuple[float, float]]:
-    """Return inertia and standard error, kg·m² (kg) at joints, of rotors that friction under load tells, by joint."""
+    """Return inertia and standard error, kg·m² (kg) at joints, of rotors that friction under load tells, by joint.
+
+    Of one that it tells no better than `ROTOR_KNOWN` nothing is said: such friction may be small.
+    """
     if fit.effects is None or fit.data.samples is None or not fit.effects.scene.rotors:
         return {}
     columns = rotor_columns(fit.effects, fit.signals, fit.amplitudes())
@@ -92,7 +97,9 @@ def told_rotors(fit: Solved) -> dict[int, tuple[float, float]]:
     shares = np.sqrt(np.maximum(np.diag(whole)[-len(columns) :], 0.0)).tolist()
     here = fit.effects.scene.rotors
     return {
-        joint: (here[joint], share * most) for (joint, (_, most)), share in zip(columns.items(), shares, strict=True)
+        joint: (here[joint], share * most)
+        for (joint, (_, most)), share in zip(columns.items(), shares, strict=True)
+        if share * most < ROTOR_KNOWN * here[joint]
     }
 
 

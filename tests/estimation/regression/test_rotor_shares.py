@@ -22,13 +22,13 @@ SHARE = 0.08
 BARE = EffectSpec("load_friction", "joint1", {})
 
 
-def logged(seed: int) -> tuple[Arm, Recording]:
+def logged(seed: int, share: float = SHARE) -> tuple[Arm, Recording]:
     """Return a rigid arm, and its log with friction under load at its first joint."""
     arm = random_arm(np.random.default_rng(seed), 2, rigid=(0, 1))
 
     def torque(world: World) -> np.ndarray:
         total = np.zeros_like(world.q)
-        total[:, 0] = SHARE * np.abs(world.spring[:, 0]) * np.sign(world.dtheta[:, 0])
+        total[:, 0] = share * np.abs(world.spring[:, 0]) * np.sign(world.dtheta[:, 0])
         return total
 
     return arm, log(arm, seed=seed, duration=10.0, sensors=Sensors(rate=500.0, torque=0.001), laws=Laws(motor=[torque]))
@@ -74,6 +74,14 @@ def test_declared_friction_under_load_tells_the_rotor(unknown: tuple[str, ...]) 
     assert again.model == "sufficient"
     assert not again.rotors
     assert again.effects[0].parameters["coefficient"] == pytest.approx(effect.parameters["coefficient"], rel=5e-3)
+
+
+def test_a_rotor_that_next_to_no_friction_tells_is_not_told() -> None:
+    arm, recording = logged(3, 1e-4)
+    robot = replace(without(arm.described(), *UNKNOWN["no values"]), effects=(BARE,))
+    found = identify(robot, prepare(recording, robot), EstimateOptions(fit="torque"))
+    assert not found.rotors
+    assert not any("Jm1 is" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("unknown", UNKNOWN.values(), ids=UNKNOWN)
