@@ -13,6 +13,7 @@ from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.carried import may_carry
 from elid_cli.diagnosis.by_motion.each_alone import each_alone
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
+from elid_cli.diagnosis.by_motion.other_forms import Forms, other_forms
 from elid_cli.diagnosis.by_motion.poses import effects_of
 from elid_cli.diagnosis.by_motion.raised_limits import raised_limits
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
@@ -24,6 +25,7 @@ from elid_cli.diagnosis.by_motion.torque_gains import CHECK, found_gains, gain_r
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.by_motion.whole_robot import searched
+from elid_cli.diagnosis.form_errors import in_forms
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.identify import identify
@@ -42,7 +44,7 @@ from elid_cli.estimation.trajectory.identification import commanded_runs, declar
 from elid_cli.estimation.trajectory.late_joints import believed
 from elid_cli.estimation.trajectory.simulator_steps import is_timed, runs_in_time
 from elid_cli.estimation.trajectory.softening import columns_of
-from elid_cli.estimation.trajectory.timing_doubts import as_doubtful
+from elid_cli.estimation.trajectory.timing_doubts import as_doubtful, counting
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import as_acting, with_drives, with_filters, with_loop_gains
@@ -141,7 +143,8 @@ def diagnose_motion(
     bounded = {robot.joint_names[joint] for joint in cut}
     of_limits = () if higher is None else tuple(e for e in higher.effects if e.joint not in bounded)
     changes = differing(done.after)
-    after = as_last(done.after, changes)
+    forms = Forms({}, ()) if done.partial else other_forms(done.after, done.named)
+    after = as_last(counting(done.after, forms.shifts), changes)
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
     told = with_filters(with_loop_gains(signals, whole.loop_gains), whole.filters)
     told = with_drives(told, whole.rates, whole.acting)
@@ -165,7 +168,7 @@ def diagnose_motion(
     return MotionDiagnosis(
         described, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        (*of_limits, *of_changes, *of_gains, *_effects(described, after, done, len(effects))),
+        (*of_limits, *of_changes, *of_gains, *_effects(described, after, done, len(effects), forms)),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals,
          *(r for r in whole.rivals if (r.effect, r.joint) not in {(e.effect, e.joint) for e in of_changes}),
          *_bodies_for(of_gains, done.before)),
@@ -228,7 +231,7 @@ def _check_only(robot: Robot, names: Sequence[str]) -> None:
         )
 
 
-def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int) -> tuple[FoundEffect, ...]:
+def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int, forms: Forms) -> tuple[FoundEffect, ...]:
     values, effects = fitted_effects(robot, fit)[declared:], fit.effects[declared:]
     softer = [done.softer[effect.joint] for effect in effects if effect.softens]
     limiting = effect_that(of_drive="limit")
@@ -238,10 +241,12 @@ def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int) ->
                     {limit.name: item.deviation}, item.gain, _of_limit(robot.torque_limits[item.joint], item.limit))
         for item in done.limits
     )  # fmt: skip
-    return (*limits, *(
+    found = [
         FoundEffect(effect.name, own.joint, own.parameters, own.std_error, gain, effect.summary)
         for effect, own, gain in zip(effects, values, (*softer, *(item.gain for item in done.named)), strict=True)
-    ))  # fmt: skip
+    ]
+    first = len(softer)
+    return (*limits, *(in_forms(own, forms.told.get(k - first, ())) for k, own in enumerate(found)))
 
 
 def _of_limit(described: float, found: float) -> str:

@@ -6,7 +6,7 @@ motion follows decides: an effect that leaves clearly more in every block of tim
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +17,39 @@ from elid_cli.diagnosis.by_motion.held_out import MORE
 from elid_cli.diagnosis.by_motion.refits import in_place
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.model.effects.effect import Effect
+
+USUAL = 1.02
+"""Times the squared error up to which the usual form of an effect is named instead of another."""
 
 
-def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[TrajectoryFit, list[Named], bool]:
+def clearly_more(error: Array, other: Array) -> bool:
+    """Whether a squared error (B,) is clearly more than another one, and more in every block of time."""
+    return bool(error.sum() > MORE * other.sum() and (error > other).all())
+
+
+def _is_clearly_better(item: Named, rival: Candidate, mine: Array, its: Array) -> bool:
+    return clearly_more(mine, its)
+
+
+def _is_better_form(item: Named, form: Candidate, mine: Array, its: Array) -> bool:
+    """Whether an effect in another form is nearer in every block of time, or the usual form is about as near."""
+    usual = _is_usual(form.effect) and not _is_usual(item.effect) and its.sum() < USUAL * mine.sum()
+    return bool(usual or (mine > its).all())
+
+
+def _is_usual(effect: Effect) -> bool:
+    """Whether an effect is in its usual form, if it has one: the one that is meant where none is said."""
+    fixed = [(value, p.default) for value, p in zip(effect.shape, effect.shapes, strict=True) if p.fixed]
+    return effect.usual_first and all(value == default for value, default in fixed)
+
+
+def with_rivals(
+    fit: TrajectoryFit,
+    named: Sequence[Named],
+    declared: int,
+    is_better: Callable[[Named, Candidate, Array, Array], bool] = _is_clearly_better,
+) -> tuple[TrajectoryFit, list[Named], bool]:
     """Return the fit and its effects with the rivals that do as well, and whether a rival took an effect's place.
 
     Parameters
@@ -30,6 +60,8 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
         What the search took, with rivals by screening.
     declared
         Number of effects that the robot declares.
+    is_better
+        Whether a rival takes an effect's place, by their squared errors, (B,): first the effect's.
     """
     left = {k: list[Candidate]() for k in range(len(named))}
     better: dict[int, Candidate] = {}
@@ -42,7 +74,7 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
             mine, its = before[:, joint], None if trial is None else trial.equations.lighter[:, joint]
             if its is None or not clearly_more(its, mine):
                 left[k].append(rival)
-            if its is not None and clearly_more(mine, its) and its.sum() < least.get(k, np.inf):
+            if its is not None and is_better(named[k], rival, mine, its) and its.sum() < least.get(k, np.inf):
                 better[k], least[k] = rival, float(its.sum())
     result = [replace(item, rivals=tuple(left[k])) for k, item in enumerate(named)]
     found = in_place(fit, {declared + k: rival.effect for k, rival in better.items()}) if better else None
@@ -57,23 +89,28 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
 def in_best_forms(
     fit: TrajectoryFit, named: Sequence[Named], new: Collection[tuple[str, int]], declared: int
 ) -> tuple[TrajectoryFit, list[Named]]:
-    """Return the fit and its effects, of which new ones, by name and joint, are in the form that does clearly best."""
+    """Return the fit and its effects, of which new ones, by name and joint, are in the form that does best.
+
+    A form costs nothing: one with which every block of time is nearer takes the place of another, and the usual one
+    where it is about as near.
+    """
     asked = {k for k, item in enumerate(named) if (item.effect.name, item.effect.joint) in new}
     forms = [replace(item, rivals=item.forms if k in asked else ()) for k, item in enumerate(named)]
     if not any(item.rivals for item in forms):
         return fit, list(named)
-    found, better, swapped = with_rivals(fit, forms, declared)
-    if not swapped:
-        return fit, list(named)
+    found, better, _ = with_rivals(fit, forms, declared, _is_better_form)
     return found, [
-        replace(item, effect=own.effect, gain=own.gain, helped=own.helped)
-        for item, own in zip(named, better, strict=True)
-    ]
+        item if k not in asked
+        else replace(item, forms=own.rivals) if own.effect is item.effect
+        else _in_form(item, own, fit.z[fit.unknowns.amplitudes_of(declared + k)])
+        for k, (item, own) in enumerate(zip(named, better, strict=True))
+    ]  # fmt: skip
 
 
-def clearly_more(error: Array, other: Array) -> bool:
-    """Whether a squared error (B,) is clearly more than another one, and more in every block of time."""
-    return bool(error.sum() > MORE * other.sum() and (error > other).all())
+def _in_form(item: Named, own: Named, amplitudes: Array) -> Named:
+    """Return an effect in another form of its own, with the one that it had among its forms."""
+    before = Candidate(item.effect, item.gain, item.helped, amplitudes)
+    return replace(item, effect=own.effect, gain=own.gain, helped=own.helped, forms=(before, *own.rivals))
 
 
 def _turns(named: Sequence[Named]) -> Iterator[dict[int, Candidate]]:

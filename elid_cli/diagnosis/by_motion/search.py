@@ -141,11 +141,7 @@ def search(
                 fit = softened_again(fit)
                 softer, known = softer | gains_of(fit), len(fit.effects) - len(named)
         if named:
-            # what a first effect left while its shape was on its way is none of its own
-            fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
-            fit, named, swapped = with_rivals(fit, named, known)
-            if swapped:
-                fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
+            fit, named = _among_rivals(fit, named, known)
             hard = hardened(fit, softer)
             if hard is not fit:
                 known -= len(softer)
@@ -155,6 +151,16 @@ def search(
     except KeyboardInterrupt:
         partial = True
     return Searched(before, fit, softer, tuple(named), left, tried, partial, tuple(waiting), limits)
+
+
+def _among_rivals(fit: TrajectoryFit, named: list[Named], known: int) -> tuple[TrajectoryFit, list[Named]]:
+    """Return a whole fit, its effects in the forms that do best, and with what does as well."""
+    # what a first effect left while its shape was on its way is none of its own
+    fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
+    if len(named) > 1:  # the form of one may have been told beside what another one left
+        fit, named = in_best_forms(fit, named, _pairs(named), known)
+    fit, named, swapped = with_rivals(fit, named, known)
+    return _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known) if swapped else (fit, named)
 
 
 @dataclass(frozen=True)

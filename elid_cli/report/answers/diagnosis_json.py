@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from elid_cli.diagnosis import Diagnosis
+from elid_cli.diagnosis import Diagnosis, FoundEffect
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import RowState
 from elid_cli.estimation.judgement import JointError
@@ -96,6 +96,11 @@ def _side(
     }
 
 
+def forms_payload(effect: FoundEffect) -> list[dict[str, Any]]:
+    """Return the other forms of an effect that explain a log about as well."""
+    return [{**picked(form, "parameters behind"), "moved": dict(form.moved)} for form in effect.forms]
+
+
 def _effect_payload(found: Diagnosis, contribution: Contribution) -> dict[str, Any]:
     effect = contribution.effect
     curve, also = curve_words(effect), also_words(found, effect)
@@ -104,7 +109,7 @@ def _effect_payload(found: Diagnosis, contribution: Contribution) -> dict[str, A
         **picked(effect, "effect joint parameters std_error gain"),
         "certain": found.certain(effect),
         **picked(effect, "summary folds quarters local collocated absorbed"),
-        "forms": [{**picked(form, "parameters behind"), "moved": dict(form.moved)} for form in effect.forms],
+        "forms": forms_payload(effect),
         "error": {
             "joint": contribution.joint,
             "rows": contribution.rows,

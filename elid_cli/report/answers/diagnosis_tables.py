@@ -125,7 +125,7 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         fit = "a poor fit: " if joint in poor else ""
         own = also_words(found, c.effect)
         meaning = fit + _meaning_of(robot, [term.effect for term in terms]) + (f". {own}" if own else "")
-        meaning += "".join(f"; {_form_words(robot, c.effect, form)}" for form in c.effect.forms)
+        meaning += form_words(robot, c.effect)
         meanings.append((missing.whose(name, joint), meaning))
     note = (
         "held-out error: without the effect, everything else fitted again → with it, on stretches that no fit saw; "
@@ -176,6 +176,11 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
     for name, said in sums.items():
         text += f"; {name} stands for {said}"
     return text
+
+
+def form_words(robot: Robot, effect: FoundEffect) -> str:
+    """Return what is said of other forms of an effect that explain a log about as well; nothing without one."""
+    return "".join(f"; {_form_words(robot, effect, form)}" for form in effect.forms)
 
 
 def _form_words(robot: Robot, effect: FoundEffect, form: OtherForm) -> str:

@@ -14,7 +14,8 @@ from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.report.answers import inputs
-from elid_cli.report.answers.diagnosis_tables import ADDED, SAME
+from elid_cli.report.answers.diagnosis_json import forms_payload
+from elid_cli.report.answers.diagnosis_tables import ADDED, SAME, form_words
 from elid_cli.report.answers.drives import drives_needed
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
@@ -108,7 +109,10 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "before": {"error": error_payload(found.before.error), "published": {}, "mean_abs": before},
         "after": {"error": error_payload(found.after.error), "published": {}, "mean_abs": after},
         "position": {name: {"before": p.before, "after": p.after} for name, p in found.position.items()},
-        "effects": [picked(e, "effect joint parameters std_error gain summary") for e in found.effects],
+        "effects": [
+            {**picked(e, "effect joint parameters std_error gain summary"), "forms": forms_payload(e)}
+            for e in found.effects
+        ],
         "nuisances": inputs.nuisance_payload(found.after.nuisances),
         "also_possible": [_rival(r) for r in found.also_possible],
         "unexplained": [{**picked(u, "joint rows variable share rms ratio"), "nearest": []} for u in found.unexplained],
@@ -219,7 +223,7 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
         (
             whose(e.effect, e.joint),
             f"{e.summary}: {inputs.effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}"
-            f"{_constant_words(e)}",
+            f"{_constant_words(e)}{form_words(found.robot, e)}",
         )
         for e in found.effects
     ]
