@@ -26,7 +26,7 @@ def rival(effect: str, joint: str, instead_of: str) -> Rival:
 def test_what_a_log_cannot_tell_apart_is_named_as_one_of_several() -> None:
     tied = [rival("velocity_coupling", "j1", "stribeck"), rival("torque_ripple", "j1", "stribeck")]
     assert named_words({"stribeck": ["j1", "j2"]}, tied) == (
-        "Stribeck friction at j2; one of: Stribeck friction at j1, velocity coupling at j1, torque ripple at j1; "
+        "Stribeck friction at j2. One of: Stribeck friction at j1, velocity coupling at j1, torque ripple at j1; "
         "this log cannot tell which."
     )
     assert named_words({"stribeck": ["j1"]}, [], "friction that falls") == (
@@ -37,7 +37,7 @@ def test_what_a_log_cannot_tell_apart_is_named_as_one_of_several() -> None:
 def test_a_rival_at_another_joint_stands_beside_the_effect_that_it_could_replace() -> None:
     far = replace(rival("velocity_coupling", "j3", "stribeck"), at="j2")
     assert named_words({"stribeck": ["j1", "j2", "j3"]}, [far]) == (
-        "Stribeck friction at j1 and j3; one of: Stribeck friction at j2, velocity coupling at j3; "
+        "Stribeck friction at j1 and j3. One of: Stribeck friction at j2, velocity coupling at j3; "
         "this log cannot tell which."
     )
     assert replaced(far, [curve("j2", 0.5, 1.0), curve("j3", 0.5, 1.0)]) == "Stribeck friction of j2"

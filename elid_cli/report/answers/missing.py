@@ -92,7 +92,7 @@ def summary_words(terms: Sequence[FoundEffect]) -> str:
 
 
 def named_words(places: Mapping[str, Sequence[str]], rivals: Sequence[Rival], summary: str = "") -> str:
-    """Return effects with their joints; what the log cannot tell from one of them stands beside it as its equal.
+    """Return effects with their joints; of what the log cannot tell from one of them, a sentence each.
 
     Parameters
     ----------
@@ -103,18 +103,18 @@ def named_words(places: Mapping[str, Sequence[str]], rivals: Sequence[Rival], su
     summary
         What the effect is, where there is but one.
     """
-    groups: list[str] = []
+    sure, ties = list[str](), list[str]()
     for effect, joints in places.items():
         equals = [r for r in rivals if r.instead_of == effect]
         tied = [j for j in joints if any((r.at or r.joint) == j for r in equals)] or (joints if equals else [])
         if free := [joint for joint in joints if joint not in tied]:
-            groups.append(f"{spoken(effect)} at {listed(free)}")
+            sure.append(f"{spoken(effect)} at {listed(free)}")
         if tied:
             names = [f"{spoken(effect)} at {listed(tied)}"]
             names += [f"{spoken(r.effect)} at {r.joint or 'the robot'}" for r in equals]
-            groups.append(f"one of: {', '.join(dict.fromkeys(names))}; this log cannot tell which")
-    said = "; ".join(groups) + (in_brackets(summary) if len(groups) == 1 and not rivals else "")
-    return f"{upper(said)}."
+            ties.append(f"one of: {', '.join(dict.fromkeys(names))}; this log cannot tell which")
+    said = "; ".join(sure) + (in_brackets(summary) if len(sure) == 1 and not rivals else "")
+    return " ".join(f"{upper(sentence)}." for sentence in (said, *ties) if sentence)
 
 
 def in_brackets(summary: str) -> str:

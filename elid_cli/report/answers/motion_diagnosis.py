@@ -181,7 +181,8 @@ def _missing(found: MotionDiagnosis) -> str:
     )
     named = named_words(places, found.also_possible)
     if first:
-        first, named = f"{first} With the bodies of the file: ", named.replace("One of", "one of", 1)
+        first = f"{first} With the bodies of the file: "
+        named = named.replace("One of", "one of", 1) if named.startswith("One of") else named
     doubts = f"{load_words(found)}{scale_words(found)}{moved}{gains_words(found)}{alike_words(found)}"
     return f"{first}{named}{doubts}{bodies_words(found)}{between}{rigid}"
 
