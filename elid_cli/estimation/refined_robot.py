@@ -15,13 +15,14 @@ from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency
+from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.posed import as_posed
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import POSITIVE, StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
 
 SHOWN = 2.0
-"""Standard errors by which a fault of a channel must differ from 0 to be written."""
+"""Standard errors by which a delay of a channel must differ from 0 to be written."""
 
 
 def representative(base: BaseParameters, estimate: Array, reference: Array, kept: Collection[int] = ()) -> Array:
@@ -57,12 +58,12 @@ def identified_robot(found: Identification) -> Robot:
     near = found.standard if found.estimator == "trajectory" else found.robot.reference()
     near, told = with_rotors(found.robot, near, {joint: inertia for joint, (inertia, _) in found.rotors.items()})
     standard = representative(found.base, possible_values(found), near, told)
-    declared = {(spec.effect, spec.joint) for spec in found.robot.effects}
+    declared, shown = {(spec.effect, spec.joint) for spec in found.robot.effects}, _shown(found.nuisances)
     more: dict[tuple[str, str | None], EffectSpec]
     more = {
         (n.effect, n.joint): EffectSpec(n.effect, n.joint, n.parameters)
         for n in found.nuisances
-        if _is_shown(n) or (n.effect, n.joint) in declared
+        if any(n is own for own in shown) or (n.effect, n.joint) in declared
     }
     own = (EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects)
     new = [*(_together(spec, more.pop((spec.effect, spec.joint), None)) for spec in own), *more.values()]
@@ -71,12 +72,21 @@ def identified_robot(found: Identification) -> Robot:
     return refined_robot(found.robot, standard, (*kept, *new), _unknown(found))
 
 
-def _is_shown(nuisance: Nuisance) -> bool:
-    """Whether a nuisance differs from 0: where one channel is late, delays of all are estimated, whatever they are."""
-    errors = nuisance.std_error
-    return nuisance.kept or any(
-        abs(value) > SHOWN * errors.get(name, 0.0) for name, value in nuisance.parameters.items()
-    )
+def _shown(nuisances: Sequence[Nuisance]) -> list[Nuisance]:
+    """Return the nuisances that are written: all but delays of joints that are surely no later than 0.
+
+    Where one channel is late, delays of all are estimated, whatever they are. One within its error of 0 is written
+    where it is nearer to what the others are late by. Offsets are unknowns of the fit: the other values predict with
+    them, however small they are.
+    """
+    late = [n for n in nuisances if effect_classes()[n.effect].nuisance == "delay"]
+    sure = [n for n in late if n.kept or any(abs(v) > SHOWN * n.std_error.get(k, 0.0) for k, v in n.parameters.items())]
+    usual = {k: float(np.median([n.parameters[k] for n in sure])) for k in (sure[0].parameters if sure else ())}
+    return [
+        n for n in nuisances
+        if not any(n is own for own in late) or any(n is own for own in sure)
+        or all(abs(v - usual.get(k, 0.0)) < abs(v) for k, v in n.parameters.items())
+    ]  # fmt: skip
 
 
 def _together(declared: EffectSpec, beyond: EffectSpec | None) -> EffectSpec:
