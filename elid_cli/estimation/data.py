@@ -21,7 +21,6 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.rotor_shares import FARTHEST, rotor_columns
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness, TwoWays, two_ways
-from elid_cli.estimation.stiffness.links import link_stiffness
 from elid_cli.estimation.stretches import STRETCHES, stretch_of
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -96,6 +95,8 @@ class SampledData:
 
     def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
         """Return a joint's stiffness from its link's equation with the robot file's inertias."""
+        from elid_cli.estimation.stiffness.links import link_stiffness
+
         return link_stiffness(base, self.observation, self.signals, self.model.robot.reference(), joint)
 
     def rows_of_sensors(self) -> bool:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import noise_between_jumps
+
+if TYPE_CHECKING:  # reports ask it of logs with torque as well, which need no simulation
+    from elid_cli.estimation.trajectory.fit import TrajectoryFit
 
 NOISE = 1.5
 """Times the encoders' noise up to which simulated positions are off by that noise alone …"""
@@ -29,7 +30,11 @@ def is_at_noise(ratios: Mapping[Any, float], fit: TrajectoryFit | None = None) -
     moving = [ratio for ratio in ratios.values() if ratio > STILL]
     if not moving or max(moving) >= NOISE:
         return False
-    return fit is None or min(moving) > LESS or not has_memory(fit.equations) or _is_scatter(fit)
+    if fit is None or min(moving) > LESS:
+        return True
+    from elid_cli.estimation.trajectory.memory import has_memory
+
+    return not has_memory(fit.equations) or _is_scatter(fit)
 
 
 def _is_scatter(fit: TrajectoryFit) -> bool:

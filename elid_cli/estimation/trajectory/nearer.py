@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elid_cli.errors import DataError, LogError, RobotError
-from elid_cli.estimation.trajectory.changes import nearer_throughout
-from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
-from elid_cli.estimation.trajectory.memory import has_memory
-from elid_cli.model.effects.of_drives import as_acting
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
+
+if TYPE_CHECKING:  # logs with torque, which are read alike, need no simulation
+    from elid_cli.estimation.trajectory.fit import TrajectoryFit
 
 CLEARLY = 10.0
 """Logarithm of the likelihood, of errors without a memory, by which one of the two is clearly nearer …"""
@@ -46,7 +46,7 @@ class Nearer:
     """Whether the other leaves a joint no viscous friction, as loops that hold their torque would."""
 
 
-Known = dict[tuple[int, float, bool], TrajectoryFit]
+Known = dict[tuple[int, float, bool], "TrajectoryFit"]
 """Fits of a robot to versions of a log: by `id` of the version, the part of it and whether friction may fade in."""
 
 
@@ -59,7 +59,10 @@ def nearer_by_motion(
     drives hold their torque where the motion is nearer so. What is `known` of the robot, whose versions live as long,
     is not fitted again, and what is fitted is added to it.
     """
+    from elid_cli.estimation.trajectory.changes import nearer_throughout
+    from elid_cli.estimation.trajectory.fit import ABOVE
     from elid_cli.estimation.trajectory.held_loops import nearest_loops, negative
+    from elid_cli.estimation.trajectory.memory import has_memory
     from elid_cli.estimation.trajectory.simulator_steps import with_steps
     from elid_cli.estimation.trajectory.unasked import is_known, seconds, without_shapes
     from elid_cli.model.effects.posed import posed
@@ -101,6 +104,7 @@ def _fit(robot: Robot, standing: Robot, log: Signals, part: float, *, soft: bool
     from elid_cli.estimation.trajectory.beginning import started_from
     from elid_cli.estimation.trajectory.decided import fit_trajectory
     from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along
+    from elid_cli.model.effects.of_drives import as_acting
 
     assert log.recording is not None
     acting = as_acting(robot, log)
