@@ -17,17 +17,23 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit
+from elid_cli.diagnosis.friction_shapes import (
+    agreed,
+    family,
+    in_other_form,
+    polished,
+    scene_of_fit,
+    settled_at,
+    standard_of,
+)
 from elid_cli.diagnosis.summary import channel_specs
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.judgement import JointError
-from elid_cli.estimation.refined_robot import representative
-from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
+from elid_cli.estimation.regression.other_shapes import REACH
 from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.stretches import STRETCHES, spans, stretch_of
-from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.effects.effect import Effect, Member
-from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -42,18 +48,14 @@ FEWEST = 3
 """Folds that have to say something."""
 CERTAIN = 0.975
 """Probability that the gain is one, by Student's t over the folds."""
-START = 0.1
-"""Stribeck velocity of members that have none, as a part of the joint's top speed."""
-SLOWEST, FASTEST, PLACES = 0.015, 0.6, 12
-"""Stribeck velocities that are tried first, as parts of the top speed, and how many."""
-EVEN = 0.5
-"""Last shape to start from: as much of the motor's torque as of the load."""
-AGREED, AGREEING = 3e-4, 8
-"""Change of the friction, as a part of it, below which its columns and the fit agree, and most rounds until they do."""
-RESHAPED = 3
-"""Times that a shape is looked for again with the torques of the fit in it."""
-APART = 0.02
-"""The same, above which they have not agreed in the end: such a member is not offered."""
+FRICTION = ("fs", "fv")
+"""Coulomb and viscous friction among a joint's parameters."""
+TURNS = 2
+"""Times that every joint's members are compared, the second time beside the friction of all others."""
+POOR = 2.0
+"""Times what the sensors' noise would leave from which a member is not the whole of a joint's friction."""
+SURE = 2.0
+"""Standard errors by which Coulomb friction must be below 0 to be negative."""
 MOVES = 1e-3
 """rad/s or m/s; a joint slower than that has no friction curve."""
 
@@ -89,18 +91,21 @@ class FrictionFamily(Shown):
     """The robot with the supported members, fitted to the whole log."""
     std_error: Mapping[str, Mapping[str, float]]
     """Joint -> amplitude -> its standard error, in that fit."""
+    plain: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    """Joint -> ``fs``, ``fv`` -> Coulomb and viscous friction beside the member, with standard errors, in that fit."""
     skipped: Mapping[str, str] = field(default_factory=dict)
     """Joints without a friction curve, with the reason."""
+
+    @property
+    def poor(self) -> Mapping[str, float]:
+        """Joints at which the supported member leaves more than noise: its error over what noise would leave."""
+        errors = {joint: fits[self.supported[joint]].error for joint, fits in self.fits.items()}
+        return {joint: e.rms / e.floor for joint, e in errors.items() if e.floor and e.rms > POOR * e.floor}
 
     @property
     def members(self) -> Mapping[str, Member]:
         """The members by name, with their formulas."""
         return members_of(family())
-
-
-def family() -> type[Effect]:
-    """Return the effect that is a family of friction models."""
-    return next(kind for kind in effect_classes().values() if kind.members)
 
 
 def members_of(kind: type[Effect]) -> dict[str, Member]:
@@ -137,23 +142,34 @@ def friction_family(robot: Robot, signals: Signals, progress: Progress | None = 
     log = divided(robot, signals)
     plain = _plain(log)
     fits: dict[str, dict[str, MemberFit]] = {}
-    effects: list[Effect] = []
+    chosen: dict[str, Effect] = {}
     supported: dict[str, str] = {}
-    for number, (joint, speed) in enumerate(top.items()):
+    # once more with the others' friction: without it the bodies' parameters, and so this joint's error, are bent
+    turns = [*top] * (TURNS if len(top) > 1 else 1)
+    for number, joint in enumerate(turns):
         if progress is not None:
-            progress(f"comparing friction of {joint}", number / (len(top) + 1))
+            progress(f"comparing friction of {joint}", number / (len(turns) + 1))
         k = robot.joint_names.index(joint)
-        own = {PLAIN: _judged(plain, k, PLAIN)}
-        shaped = {name: _settled(plain, k, member, speed) for name, member in kind.members.items()}
-        own |= {name: _judged(state, k, name, agrees=agrees) for name, (state, agrees) in shaped.items()}
-        fits[joint], supported[joint] = own, _supported(list(own.values()))
+        beside = _beside(plain, [effect for name, effect in chosen.items() if name != joint])
+        shaped = {name: settled_at(beside, k, member, top[joint]) for name, member in kind.members.items()}
+        fits[joint] = {PLAIN: _judged(beside, k, PLAIN)} | {
+            name: _judged(state, k, name, agrees=agrees) for name, (state, agrees) in shaped.items()
+        }
+        supported[joint] = _supported(list(fits[joint].values()))
+        chosen.pop(joint, None)
         if supported[joint] != PLAIN:
-            effects.append(shaped[supported[joint]][0].effects[-1])
+            chosen[joint] = shaped[supported[joint]][0].effects[-1]
     if progress is not None:
-        progress("fitting the whole log", len(top) / (len(top) + 1))
-    refined, errors = _whole(log, (*plain.effects, *effects))
+        progress("fitting the whole log", len(turns) / (len(turns) + 1))
+    speeds = {robot.joint_names.index(joint): speed for joint, speed in top.items()}
+    refined, errors, own = _whole(log, (*plain.effects, *(chosen[joint] for joint in top if joint in chosen)), speeds)
     unseen = spans(log.observation.t, log.fold < 0)
-    return FrictionFamily(robot, fits, supported, unseen, refined, errors, skipped)
+    return FrictionFamily(robot, fits, supported, unseen, refined, errors, own, skipped)
+
+
+def _beside(plain: State, others: Sequence[Effect]) -> State:
+    """Return the plain model with the friction of other joints."""
+    return agreed(fit(plain.log, (*plain.effects, *others), scene_of_fit(plain)))[0] if others else plain
 
 
 def _tops(robot: Robot, signals: Signals, kind: type[Effect]) -> tuple[dict[str, float], dict[str, str]]:
@@ -174,84 +190,6 @@ def _plain(log: Log) -> State:
     return agreed(fit(log, log.declared))[0]
 
 
-def _settled(plain: State, joint: int, member: Member, speed: float) -> tuple[State, bool]:
-    """Return the model with a member at one joint, and whether its friction and its torques agree."""
-    scene = _scene(plain)
-    state = fit(plain.log, (*plain.effects, _shaped(plain, scene, joint, member, speed)), scene)
-    for _ in range(RESHAPED if member.forms else 0):  # with the friction in the torque
-        scene, lean = _scene(state), _grown(state)[-1].shape[-1]
-        state = fit(plain.log, (*plain.effects, _shaped(plain, scene, joint, member, speed, lean)), scene)
-    return agreed(state)
-
-
-def _shaped(plain: State, scene: Scene, joint: int, member: Member, speed: float, lean: float = EVEN) -> Effect:
-    """Return the member in the shape that explains most of what the plain model leaves of the search's stretches."""
-    from scipy.optimize import minimize_scalar
-
-    kind = family()
-
-    def effect(logarithm: float, form: float) -> Effect:
-        return kind(joint, (member.shape, float(np.exp(logarithm)), form, lean))
-
-    def loss(logarithm: float, form: float) -> float:
-        gain = plain.projected.gain(extra_of(effect(logarithm, form), scene, plain.log.signals).rows)
-        return 0.0 if gain is None else -gain.whole
-
-    if not member.forms:
-        return effect(np.log(START * speed), 1.0)
-    grid = np.log(speed) + np.linspace(np.log(SLOWEST), np.log(FASTEST), PLACES)
-    _, form, place = min((loss(x, form), form, x) for form in member.forms for x in grid.tolist())
-    step = float(grid[1] - grid[0])
-    found = minimize_scalar(
-        lambda x: loss(x, form), bounds=(place - step, place + step), method="bounded", options={"xatol": 1e-3}
-    )
-    return effect(float(found.x), form)
-
-
-def agreed(state: State) -> tuple[State, bool]:
-    """Return the model fitted with columns from its own torques until both agree, and whether they do."""
-    if not any(effect.from_model for effect in state.effects):
-        return state, True
-    change = np.inf
-    for _ in range(AGREEING):
-        before = _torque(state)
-        state = fit(state.log, _grown(state), _scene(state))
-        after = _torque(state)
-        change = float(np.linalg.norm(after - before) / np.linalg.norm(after))
-        if change <= AGREED:
-            break
-    return state, change <= APART
-
-
-def _grown(state: State) -> tuple[Effect, ...]:
-    """Return a model's effects with what their shapes take from their amplitudes."""
-    return tuple(effect.grown(state.coefficients(k)) for k, effect in enumerate(state.effects))
-
-
-def _scene(state: State) -> Scene:
-    """Return what a model's effects are computed from: its own torques, those of the effects among them."""
-    scene = scene_of(state.log.model, state.log.signals, _standard(state), state.solved.rotors())
-    return with_effects(scene, [(effect, state.coefficients(k)) for k, effect in enumerate(state.effects)])
-
-
-def _standard(state: State) -> Array:
-    """Return the standard parameters (p,) of a fit, nearest to the robot file's.
-
-    A rotor's inertia often shows only in a sum with its body's, and its share decides what passes the gear: any other
-    representative would change the load from one round to the next.
-    """
-    base = state.log.base
-    return representative(base, base.transform @ state.standard, state.log.model.robot.reference())
-
-
-def _torque(state: State) -> Array:
-    """Return the torque of all effects in all rows, one after the other, with a last value that is never 0."""
-    parts = [
-        state.coefficients(k) @ columns for k, extra in enumerate(state.columns) for columns in extra.rows.values()
-    ]
-    return np.concatenate([*parts, [1e-9]])
-
-
 def _judged(state: State, joint: int, name: str, *, agrees: bool = True) -> MemberFit:
     """Return a fitted member with its errors on the folds and on the stretches that no fit saw."""
     row = EstimationRow("sum", joint)
@@ -264,28 +202,46 @@ def _judged(state: State, joint: int, name: str, *, agrees: bool = True) -> Memb
     torque = float(np.sqrt(np.mean(state.log.observation.tau[joint][unseen] ** 2))) if unseen.any() else np.nan
     rms = float(np.sqrt(np.mean(left**2))) if unseen.any() else np.nan
     parameters = {} if name == PLAIN else state.named(len(state.effects) - 1)
-    return MemberFit(name, JointError(rms, rms / torque, None, None, torque), folds, parameters,
-                     agrees and _possible(parameters))  # fmt: skip
+    error = JointError(rms, rms / torque, None, None, torque, state.floor.rms[row])
+    coulomb, uncertain = _coulomb_viscous(state, joint).get("fs", (0.0, 0.0))
+    possible = agrees and _possible(parameters) and coulomb > -SURE * uncertain
+    return MemberFit(name, error, folds, parameters, possible)
 
 
-def _whole(log: Log, effects: Sequence[Effect]) -> tuple[Robot, dict[str, dict[str, float]]]:
-    """Return the robot with effects, fitted to the whole log, and the errors of the family's amplitudes by joint."""
+def _coulomb_viscous(state: State, joint: int) -> dict[str, tuple[float, float]]:
+    """Return Coulomb and viscous friction of a joint with standard errors, where the log shows them."""
+    values, errors, known = state.base_values(state.log.base)
+    names = state.log.base.names
+    places = {kind: names.index(f"{kind}{joint + 1}") for kind in FRICTION if f"{kind}{joint + 1}" in names}
+    return {kind: (float(values[k]), float(errors[k])) for kind, k in places.items() if known[k]}
+
+
+def _whole(
+    log: Log, effects: Sequence[Effect], top: Mapping[int, float]
+) -> tuple[Robot, dict[str, dict[str, float]], dict[str, dict[str, tuple[float, float]]]]:
+    """Return the robot with effects, fitted to the whole log; by joint the family's errors, and plain friction."""
     state, _ = agreed(fit(replace(log, fold=stretch_of(log.observation.instants)), effects))
+    state, others = polished(state, top)
     names = log.model.robot.joint_names
     own = {name.joint: dict[str, float]() for name in log.model.names}
-    for name, value in zip(log.model.names, _standard(state).tolist(), strict=True):
+    standard = standard_of(state, state.scene.rotors)
+    for name, value in zip(log.model.names, standard.tolist(), strict=True):
         own[name.joint][name.kind] = float(value)
     joints = tuple(replace(joint, parameters=own[k]) for k, joint in enumerate(log.model.robot.joints))
     declared = log.model.robot.effects
     specs = state.specs
     channels = channel_specs(state)
     kept = [spec for spec in declared if spec.effect not in {item.effect for item in (*specs, *channels)}]
-    errors = {names[e.joint]: _errors(state, k) for k, e in enumerate(state.effects) if e.members}
-    return replace(log.model.robot, joints=joints, effects=(*kept, *specs, *channels)), errors
+    errors = {names[e.joint]: _errors(state, k, others) for k, e in enumerate(state.effects) if e.members}
+    plain = {names[k]: _coulomb_viscous(state, k) for k in top}
+    return replace(log.model.robot, joints=joints, effects=(*kept, *specs, *channels)), errors, plain
 
 
-def _errors(state: State, number: int) -> dict[str, float]:
-    """Return the standard errors of an effect's amplitudes that are in the solution's basis, and of its free shapes."""
+def _errors(state: State, number: int, others: Mapping[int, Effect]) -> dict[str, float]:
+    """Return the standard errors of an effect's amplitudes that are in the solution's basis, and of its free shapes.
+
+    They reach to what another form of it, that explains the log about as well, makes of them.
+    """
     covariance, shapes = state.covariance_with_shapes
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = dict(zip(state.solution.basis.tolist(), deviation.tolist(), strict=False))
@@ -294,7 +250,11 @@ def _errors(state: State, number: int) -> dict[str, float]:
     names = (p.name for p in effect.amplitudes)
     errors = {name: known[column] for name, column in zip(names, columns, strict=True) if column in known}
     logarithms = {place: deviation[k] for (which, place), k in shapes.items() if which == number}
-    return errors | {effect.shapes[k].name: effect.shape[k] * float(error) for k, error in logarithms.items()}
+    errors |= {effect.shapes[k].name: effect.shape[k] * float(error) for k, error in logarithms.items()}
+    if number not in others:
+        return errors
+    here, there = state.named(number), in_other_form(state, number, others[number]).named(number)
+    return {name: float(np.hypot(error, (there[name] - here[name]) / REACH)) for name, error in errors.items()}
 
 
 def _possible(parameters: Mapping[str, float]) -> bool:

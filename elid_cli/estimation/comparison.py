@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.tables import Shown
 
+OFFSETS = ("offset", "reading offset")
+"""Nuisances that are looked for in every log, and dropped where they do not show."""
 JOINTS = 6
 """Joints that a message names."""
 
@@ -51,6 +53,8 @@ class SavedResult:
     """SHA-256 of its logs."""
     warnings: tuple[str, ...] = ()
     """What was warned of its logs and its estimates."""
+    fingerprint: str = ""
+    """Of what decides the equations of its robot; empty where that is not told."""
 
 
 Result = SavedResult | Shown | str | Path
@@ -89,6 +93,8 @@ class Comparison(Shown):
     """Base parameters that only one of them has."""
     left_out: tuple[str, ...] = ()
     """Base parameters that both have of joints that are not the same: by their names, or the units of parameters."""
+    beside: tuple[Change, ...] = ()
+    """Offsets, delays and effects that both have; an offset that does not show in one of them is 0 there."""
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -101,8 +107,8 @@ class Comparison(Shown):
         return same_estimates(self.first, self.other)
 
     def moved(self, sigmas: float) -> tuple[Change, ...]:
-        """Return the parameters that moved by more than `sigmas` standard deviations."""
-        return tuple(change for change in self.changes if abs(change.deviations) > sigmas)
+        """Return what moved by more than `sigmas` standard deviations: parameters, and what was found beside them."""
+        return tuple(change for change in (*self.changes, *self.beside) if abs(change.deviations) > sigmas)
 
 
 def read_result(path: str | Path) -> SavedResult:
@@ -151,6 +157,7 @@ def result_of(data: Mapping[str, Any], path: str) -> SavedResult:
     return SavedResult(
         path, str(data.get("robot", "")), parameters, _relative(error), joints, beside, _temperature(data),
         _texts(told.get("sha256")), (*_texts(told.get("warnings")), *_texts(data.get("warnings"))),
+        str(data.get("robot_fingerprint") or ""),
     )  # fmt: skip
 
 
@@ -234,6 +241,18 @@ def compare(results: Sequence[Result]) -> Comparisons:
     return Comparisons(_compare(first, other) for other in others)
 
 
+def _changes_beside(first: SavedResult, other: SavedResult) -> Iterator[Change]:
+    """Yield what both results have beside their base parameters; an offset that does not show in one is 0 there."""
+    library, every = effect_classes(), {**first.beside, **other.beside}
+    for name, one in every.items():
+        both = [result.beside.get(name) for result in (first, other)]
+        kind = library.get(name.split(" of ")[0].split(":")[0])
+        if kind is not None and kind.nuisance in OFFSETS:
+            both = [Estimate(0.0, one.std_error, one.unit) if e is None else e for e in both]
+        if both[0] is not None and both[1] is not None:
+            yield Change(name, one.unit, both[0], both[1])
+
+
 def _compare(first: SavedResult, other: SavedResult) -> Comparison:
     shared = [name for name in first.parameters if name in other.parameters]
     if not shared:
@@ -253,7 +272,8 @@ def _compare(first: SavedResult, other: SavedResult) -> Comparison:
     )
     every = (*first.parameters, *other.parameters)
     alone = tuple(dict.fromkeys(name for name in every if name not in shared))
-    found = Comparison(first, other, changes, alone, tuple(name for name in shared if name not in alike))
+    apart = tuple(name for name in shared if name not in alike)
+    found = Comparison(first, other, changes, alone, apart, tuple(_changes_beside(first, other)))
     if len(found.refused) == len(changes):
         what = f"{other.file}: no base parameter that it and {first.file} both estimate"
         raise UsageError(what, detail=f"not shown by one of the logs: {', '.join(found.refused[:6])}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def test_what_moved_is_named(elid, folder: Path) -> None:
     assert done.returncode == 1
     assert done.stderr == "error: worn.json: 1 parameter moved\n"
     against = "result 2 against result 1, 1 not shown by either"
-    assert f"{against}: none of 3 base parameters moved" in " ".join(done.stdout.split())  # a terminal wraps it
+    assert f"{against}: none of 3 parameters moved" in " ".join(done.stdout.split())  # a terminal wraps it
     row = next(line.split() for line in done.stdout.splitlines() if line.startswith("  K1"))
     assert row == ["K1", "3000", "2500", "-17", "%", "-13", "N·m"]  # 500/hypot(30, 25) = 12.8
 
@@ -119,6 +120,43 @@ def test_a_model_that_predicts_much_worse_is_doubted(before: float, after: float
     lines = warned(first, other)
     assert len(lines) == doubted
     assert all(line.startswith("joint1: the torque is predicted") and "times as badly in b" in line for line in lines)
+
+
+def test_an_offset_that_came_is_a_change_though_the_first_result_shows_none(elid, folder: Path) -> None:
+    offset = {
+        "effect": "torque_offset",
+        "joint": "joint1",
+        "parameters": {"offset": 1.0},
+        "std_error": {"offset": 0.02},
+    }
+    (folder / "moved.json").write_text(json.dumps(result() | {"nuisances": [offset]}))
+    done = elid("compare", "a.json", "moved.json", "--json", "--fail-on-change", cwd=folder)
+    assert done.returncode == 1
+    (comparison,) = json.loads(done.stdout)["comparisons"]
+    assert comparison["moved"] == ["torque_offset of joint1: offset"]
+    (change,) = comparison["beside"]
+    assert change["before"] == 0.0
+    assert change["deviations"] == pytest.approx(1.0 / (0.02 * 2**0.5))
+    # a delay that one of them does not show says nothing
+    late = {"effect": "torque_delay", "joint": "joint1", "parameters": {"delay": 0.01}, "std_error": {"delay": 1e-4}}
+    (folder / "late.json").write_text(json.dumps(result() | {"nuisances": [late]}))
+    assert elid("compare", "a.json", "late.json", "--fail-on-change", cwd=folder).returncode == 0
+
+
+def test_how_often_chance_makes_a_change_is_said(elid, folder: Path) -> None:
+    done = elid("compare", "a.json", "same.json", cwd=folder)
+    assert "by chance one of 3 that did not move does so in 0.81 % of comparisons" in " ".join(done.stdout.split())
+
+
+def test_results_of_other_structures_are_doubted() -> None:
+    first = saved("a", joint1=0.01)
+    other = replace(saved("b", joint1=0.01), fingerprint="f2")
+    assert warned(first, other) == []  # older results do not say
+    (line,) = warned(replace(first, fingerprint="f1"), other)
+    assert line.startswith(
+        "b and a were found with robot files that differ in geometry, gears, transmissions or effects"
+    )
+    assert warned(replace(first, fingerprint="f2"), other) == []
 
 
 def test_doubts_are_printed_as_warnings(elid, folder: Path) -> None:

@@ -42,8 +42,13 @@ def pendulum(**changes: float) -> Robot:
     return Robot("pendulum", (joint,), gravity=(0.0, -G, 0.0))
 
 
-def log_of(values: dict[str, float], seed: int = 0, noise: float = 0.02) -> Recording:
-    """Return a log of the pendulum under friction of the published form, its torque solved for by repetition."""
+def log_of(
+    values: dict[str, float], seed: int = 0, noise: float = 0.02, speed: float = SPEED, quadratic: float = 0.0
+) -> Recording:
+    """Return a log of the pendulum under friction of the published form, its torque solved for by repetition.
+
+    `speed` is the Stribeck velocity; friction grows by `quadratic`, N·m·s²/rad², with the square of the speed as well.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(round(LENGTH * RATE)) / RATE
     q = dq = ddq = np.zeros_like(t)
@@ -53,14 +58,14 @@ def log_of(values: dict[str, float], seed: int = 0, noise: float = 0.02) -> Reco
         dq = dq + size * 0.4 * w * np.cos(w * t + phase)
         ddq = ddq - size * 0.4 * w**2 * np.sin(w * t + phase)
     load = INERTIA * ddq + G * MOMENT * np.cos(q)
-    direction, e = np.tanh(dq / 5e-3), np.exp(-np.abs(dq) / SPEED)
+    direction, e = np.tanh(dq / 5e-3), np.exp(-np.abs(dq) / speed)
     tau = load + ROTOR * ddq
     for _ in range(60):  # friction that follows the torque is part of it
         gear = np.abs(values.get("motor", 0) * tau + values.get("external", 0) * load)
         at_rest = np.abs(values.get("static_motor", 0) * tau + values.get("static_external", 0) * load)
         square = np.where(np.abs(tau) > np.abs(load), values.get("driving", 0) * load**2,
                           values.get("driven", 0) * tau**2) * (tau * load > 0)  # fmt: skip
-        friction = FS + FV * np.abs(dq) + gear + e * (values.get("static", 0) + at_rest + square)
+        friction = FS + FV * np.abs(dq) + quadratic * dq**2 + gear + e * (values.get("static", 0) + at_rest + square)
         tau = load + ROTOR * ddq + direction * friction
     tau = tau + noise * rng.normal(size=len(t))
     q = q + 1e-6 * rng.normal(size=len(t))
@@ -95,6 +100,39 @@ def test_parameters_are_those_of_the_log_and_their_errors_hold_them() -> None:
         assert 0 < error < 0.1
         assert abs(spec.parameters[name] - truth[name]) < 5 * error
     assert found.refined.joints[0].parameters["fs"] == pytest.approx(FS, abs=0.02)
+
+
+def test_friction_that_fades_within_a_hundredth_of_the_top_speed_is_found_with_its_form() -> None:
+    slow = 0.02
+    found = compared(log_of(CASES["M4"], speed=slow, noise=0.005))
+    assert found.supported == {"hinge": "M4"}
+    (spec,) = (spec for spec in found.refined.effects if spec.effect == "servo_friction")
+    errors, truth = found.std_error["hinge"], {**CASES["M4"], "velocity": slow}
+    assert spec.parameters["exponent"] == 1.0
+    for name, error in errors.items():
+        assert abs(spec.parameters[name] - truth[name]) < 4 * error
+        assert error < 0.2 * truth[name]
+    assert not found.poor
+
+
+def test_a_rotor_that_the_file_does_not_know_is_written_as_the_friction_under_load_tells_it() -> None:
+    known = pendulum()
+    joint = known.joints[0]
+    parameters = {name: value for name, value in joint.parameters.items() if name not in ("Ja", "Izz")}
+    robot = replace(known, joints=(replace(joint, parameters={**parameters, "Izz": 0.7 * INERTIA}),))
+    found = compared(log_of(CASES["M3"]), robot)
+    assert found.supported == {"hinge": "M3"}
+    assert found.refined.joints[0].parameters["Ja"] == pytest.approx(ROTOR, rel=0.1)
+    assert found.refined.joints[0].parameters["Izz"] == pytest.approx(INERTIA, rel=0.02)
+
+
+def test_what_no_member_is_is_said_and_not_made_of_negative_friction() -> None:
+    found = compared(log_of(CASES["M1"], quadratic=0.5))
+    assert found.fits["hinge"][found.supported["hinge"]].possible
+    assert found.poor["hinge"] > 2
+    value, error = found.plain["hinge"]["fs"]
+    assert value > -2 * error
+    assert not compared(log_of(CASES["M1"])).poor
 
 
 @pytest.mark.parametrize("member", ["M1", "M2", "M3"])

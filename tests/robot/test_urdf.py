@@ -168,6 +168,20 @@ def test_a_dh_robot_keeps_its_frames_and_parameters_through_urdf(name, tmp_path)
         assert new.limits == old.limits
 
 
+def test_a_body_whose_mass_no_motion_shows_keeps_what_is_known_of_it(tmp_path):
+    robot = read_robot("planar2")
+    first = robot.joints[0]
+    known = {name: value for name, value in first.parameters.items() if name not in ("m", "Ixx", "Iyy")}
+    bare = replace(robot, joints=(replace(first, parameters={**known, "cx": 0.7, "Izz": 0.4}), *robot.joints[1:]))
+    (tmp_path / "arm.urdf").write_text(urdf_text(bare), "utf-8")
+    again = read_robot(tmp_path / "arm.urdf")
+    names = robot.parameter_names()
+    for name in ("cx1", "Izz1", "m2", "Izz2"):
+        k = names.index(name)
+        assert again.reference()[k] == pytest.approx(bare.reference()[k], rel=1e-9)
+    assert again.joints[0].parameters["m"] > 0
+
+
 def test_an_edited_geometry_is_read_as_it_stands():
     text = urdf_text(read_robot("planar2")).replace('xyz="0.5 0 0"', 'xyz="0.7 0 0"')
     robot = read_urdf(text, "x.urdf")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import erfc, sqrt
 from typing import Any
 
 from elid_cli.estimation.comparison import Change, Comparison, SavedResult
@@ -96,18 +97,25 @@ def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
     if len(comparison.refused) > either:
         against += f", {len(comparison.refused) - either} not shown by one of them"
     threshold = number_text(sigmas, 3)
-    count = len(comparison.changes) - len(comparison.refused)
+    count = len(comparison.changes) - len(comparison.refused) + len(comparison.beside)
+    chance = share_text(by_chance(count, sigmas))
+    by_luck = f"by chance one of {count} that did not move does so in {chance} of comparisons"
     if not moved:
-        line = f"{against}: none of {count} base parameters moved by more than {threshold} sd"
+        line = f"{against}: none of {count} parameters moved by more than {threshold} sd; {by_luck}"
         return [Text(f"unmoved{number}", line)]
-    title = f"{against}: {len(moved)} of {count} base parameters moved by more than {threshold} sd"
+    title = f"{against}: {len(moved)} of {count} parameters moved by more than {threshold} sd"
     columns = (
         Column("name", "base parameter"),
         *Column.numbers(before="result 1", after=f"result {number}", change="change", deviations="in sd"),
         Column("unit", "unit"),
     )
     rows = tuple(_row(change) for change in moved)
-    return [Table(f"moved{number}", columns, rows, title=title, shown=SHOWN)]
+    return [Table(f"moved{number}", columns, rows, title=title, shown=SHOWN, note=by_luck)]
+
+
+def by_chance(count: int, sigmas: float) -> float:
+    """Return the probability that one of `count` parameters that did not move differs by more than `sigmas` sd."""
+    return 1.0 - (1.0 - erfc(sigmas / sqrt(2.0))) ** count
 
 
 def _row(change: Change) -> tuple[Cell, ...]:
@@ -145,6 +153,12 @@ def _doubts(results: Sequence[SavedResult]) -> list[str]:
         " parameters of the same name may not be the same"
         for other in others
         if other.robot != first.robot or other.error.keys() != first.error.keys()
+    ]
+    doubts += [
+        f"{other.file} and {first.file} were found with robot files that differ in geometry, gears, transmissions or "
+        "effects: parameters of the same name may not be the same"
+        for other in others
+        if other.robot == first.robot and "" != other.fingerprint != first.fingerprint != ""
     ]
     for other in others:
         for joint, share in other.error.items():
@@ -190,16 +204,18 @@ def _payload(comparison: Comparison, sigmas: float) -> dict[str, Any]:
         "refused": list(comparison.refused),
         "left_out": list(comparison.left_out),
         "same": comparison.same,
-        "changes": [
-            {
-                "name": change.name,
-                "unit": change.unit,
-                "before": change.before.value,
-                "after": change.after.value,
-                "before_std_error": change.before.std_error,
-                "after_std_error": change.after.std_error,
-                "deviations": change.deviations,
-            }
-            for change in comparison.changes
-        ],
+        "changes": [_change(change) for change in comparison.changes],
+        "beside": [_change(change) for change in comparison.beside],
+    }
+
+
+def _change(change: Change) -> dict[str, Any]:
+    return {
+        "name": change.name,
+        "unit": change.unit,
+        "before": change.before.value,
+        "after": change.after.value,
+        "before_std_error": change.before.std_error,
+        "after_std_error": change.after.std_error,
+        "deviations": change.deviations,
     }

@@ -5,13 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from elid_cli.diagnosis.friction_family import PLAIN, FrictionFamily, MemberFit, family
+from elid_cli.diagnosis.friction_family import PLAIN, FrictionFamily, MemberFit
+from elid_cli.diagnosis.friction_shapes import family
 from elid_cli.report import tree
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import torque_unit
 from elid_cli.report.answers.identification_json import error_payload
 from elid_cli.report.answers.summary import listed
-from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, picked, upper
+from elid_cli.report.tree import (
+    Cell,
+    Column,
+    KeyValues,
+    Mark,
+    Quantity,
+    Report,
+    Section,
+    Table,
+    Text,
+    number_text,
+    picked,
+    upper,
+)
 from elid_cli.signals.recording import Recording
 
 
@@ -32,7 +46,7 @@ def friction_report(
     sections: list[Section] = [
         inputs.heading(found.robot, recording),
         KeyValues("answers", (("which friction?", _sentence(found)),)),
-        *tree.warned(recording.warnings),
+        *tree.warned((*recording.warnings, *_poor(found))),
         _errors(found),
         _members(found),
         *_values(found),
@@ -61,6 +75,10 @@ def friction_payload(found: FrictionFamily, recording: Recording) -> dict[str, A
                 "supported": found.supported[joint],
                 "parameters": final.get(joint, {}),
                 "std_error": found.std_error.get(joint, {}),
+                "plain": {
+                    name: {"estimate": value, "std_error": error}
+                    for name, (value, error) in found.plain.get(joint, {}).items()
+                },
                 "members": {name: _fit(fit) for name, fit in fits.items()},
             }
             for joint, fits in found.fits.items()
@@ -128,12 +146,33 @@ def _members(found: FrictionFamily) -> Table:
     return Table("members", columns, rows, title="the family", note=note)
 
 
-def _values(found: FrictionFamily) -> list[Section]:
-    items = [
-        (joint, inputs.effect_text(found.robot, family().name, joint, _shown(values), found.std_error.get(joint, {})))
-        for joint, values in _final(found).items()
+def _poor(found: FrictionFamily) -> list[str]:
+    """Return a warning for joints whose friction no member is the whole of."""
+    if not found.poor:
+        return []
+    times = listed([f"{joint} ({number_text(ratio, 2)} times)" for joint, ratio in found.poor.items()])
+    return [
+        f"more is left than the sensors' noise would leave: at {times}; the model lacks something there that no member "
+        "of the family is, and friction may be off by more than ± says; elid diagnose looks for it"
     ]
-    return [KeyValues("values", tuple(items), "chosen members, beside fs and fv")] if items else []
+
+
+def _values(found: FrictionFamily) -> list[Section]:
+    final, items = _final(found), []
+    for joint, plain in found.plain.items():
+        texts = [_with_error(found, joint, name, *told) for name, told in plain.items()]
+        if joint in final:
+            values = _shown(final[joint])
+            texts.append(inputs.effect_text(found.robot, family().name, joint, values, found.std_error.get(joint, {})))
+        items.append((joint, ", ".join(texts)))
+    return [KeyValues("values", tuple(items), "friction of the chosen members")] if items else []
+
+
+def _with_error(found: FrictionFamily, joint: str, name: str, value: float, error: float) -> str:
+    """Return Coulomb or viscous friction of a joint: ``fs 0.30 ± 0.02 N·m``."""
+    turns = found.robot.joint(joint).revolute
+    unit = {"fs": torque_unit(found.robot, joint), "fv": "N·m·s/rad" if turns else "N·s/m"}[name]
+    return f"{name} {number_text(value, 3, error)} ± {number_text(error, resolution=error)} {unit}"
 
 
 def _shown(values: Mapping[str, float]) -> dict[str, float]:

@@ -8,7 +8,7 @@ which other readers skip; effects and the log mapping stay in elid's YAML.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +32,8 @@ from elid_cli.robot.xml_text import quoted, xml_attributes, xml_number, xml_numb
 
 UNLIMITED = 1e9
 """What stands for no limit: URDF asks for the numbers."""
+NEAR = 0.1
+"""m from its joint at which a body lies of which nothing but a first moment is known."""
 FAITHFUL = 1e-9
 """How far, relative to the largest, a body's parameters may change through mass and centre of mass."""
 
@@ -55,7 +57,7 @@ def urdf_text(robot: Robot) -> str:
     RobotError
         A body that no mass and centre of mass can stand for (a first moment without mass).
     """
-    robot = in_joint_frames(robot)
+    robot = in_joint_frames(_with_masses(robot))
     description = f" description={quoted(robot.description)}" if robot.description else ""
     links = link_names(robot)
     lines = [
@@ -108,6 +110,25 @@ def in_joint_frames(robot: Robot) -> Robot:
         joints.append(replace(joint, parameters=values, motor_axis=(float(x), float(y), float(z))))
         afters.append(after)
     return replace(robot, joints=tuple(joints))
+
+
+def _with_masses(robot: Robot) -> Robot:
+    """Return the robot with a mass of every body of which something else is known: no motion shows it then.
+
+    A link of a URDF is its mass at its centre of mass: without one all that is known of it would be lost.
+    """
+    joints = (replace(joint, parameters=_with_mass(joint.parameters)) for joint in robot.joints)
+    return replace(robot, joints=tuple(joints))
+
+
+def _with_mass(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return parameters of a joint with a mass where others of its link are known: twice the least that they need."""
+    given = ten_of({"m": 0.0, **parameters})
+    if "m" in parameters or not given.any():
+        return dict(parameters)
+    first, spin = float(np.linalg.norm(given[1:4])), 0.5 * float(given[4:7].sum())
+    mass = 2.0 * first**2 / spin if first > 0 and spin > 0 else first / NEAR if first > 0 else 1.0
+    return {**parameters, "m": mass}
 
 
 def origins(robot: Robot) -> list[Array]:
