@@ -184,6 +184,7 @@ def _of_channel(found: Identification, written: Robot, nuisance: Literal["offset
         (parameter,) = kind.amplitudes
         name = written.joint_names[joint]
         error = errors.get((spec.effect, name), {}).get(parameter.name)
-        result[name] = Value(float(spec.parameters[parameter.name]), error, "supported")
+        value = float(spec.parameters[parameter.name])
+        result[name] = Value(value, error, "weak" if error is not None and error > WEAK * abs(value) else "supported")
     absent = Value(None, None, "refused", "this log shows none")
     return {name: result.get(name, absent) for name in written.joint_names} if result else {}
