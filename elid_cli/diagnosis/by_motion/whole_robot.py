@@ -14,12 +14,8 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.carried import kinds_of_loads, load_rivals, other_load_of
 from elid_cli.diagnosis.by_motion.found import Found
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
-from elid_cli.diagnosis.by_motion.loop_gains import (
-    damping_gains,
-    damping_gains_of,
-    position_gains,
-    position_gains_of,
-)
+from elid_cli.diagnosis.by_motion.gain_twins import with_gain_twins
+from elid_cli.diagnosis.by_motion.loop_gains import damping_gains, damping_gains_of, position_gains, position_gains_of
 from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.together import (
@@ -92,7 +88,7 @@ def searched(
     found = plain
     try:
         log = _Log(signals, runs, declared, only, progress)
-        found = _by_other_bodies(plain, _by_both(plain, log, off), log)
+        found = with_gain_twins(_by_other_bodies(plain, _by_both(plain, log, off), log), first)
         after = counting(aware(found.done.after, found.changes, found.scaled, found.robot), found.shifts)
         return replace(found, done=replace(found.done, before=first, after=after))
     except KeyboardInterrupt:

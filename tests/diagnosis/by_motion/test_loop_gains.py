@@ -27,17 +27,19 @@ TOO_LARGE = 0.25
 TRUTH = np.stack([ARMATURE, COULOMB, VISCOUS], axis=1)
 
 
-def logged(seed: int, duration: float, gain: str, share: float = TOO_LARGE, *, rates: bool = True) -> Recording:
+def logged(
+    seed: int, duration: float, gain: str, share: float = TOO_LARGE, *, rates: bool = True, tilt: float = 0.0
+) -> Recording:
     """Return a log that tells a gain of the second drive too large by a share."""
-    recording = moved(seed, duration, delay=0.002, rates=rates)
+    recording = moved(seed, duration, delay=0.002, rates=rates, tilt=tilt)
     told = recording.commands[gain] * np.array([1.0, 1.0 + share, 1.0])
     return replace(recording, commands={**recording.commands, gain: told})
 
 
-def diagnosed(folder: Path, recording: Recording) -> tuple[Robot, MotionDiagnosis]:
+def diagnosed(folder: Path, recording: Recording, *more: str) -> tuple[Robot, MotionDiagnosis]:
     arm = robot(folder)
     log = read_recording([written(folder, "log.h5", recording)], arm)
-    return arm, diagnose_motion(arm, prepare(log, arm), None, TRIED)
+    return arm, diagnose_motion(arm, prepare(log, arm), None, (*TRIED, *more))
 
 
 def scores(found: MotionDiagnosis) -> np.ndarray:
@@ -75,6 +77,16 @@ def test_without_commanded_velocities_a_torque_gain_does_as_well_and_friction_co
     assert np.abs(scores(found)).max() < 4.5
     (rival,) = (r for r in found.also_possible if r.effect in ("position_gain", "torque_gain"))
     assert "commanded velocities" in rival.separate
+
+
+def test_it_does_as_well_beside_a_tilted_base_and_friction_counts_it_there_too(tmp_path: Path) -> None:
+    _, found = diagnosed(tmp_path, logged(6, 5.0, "kp", 0.2, rates=False, tilt=0.06), "gravity_direction")
+    assert "gravity_direction" in {e.effect for e in found.effects}
+    named = {(e.effect, e.joint) for e in (*found.effects, *found.also_possible)}
+    assert {("position_gain", NAMES[1]), ("torque_gain", NAMES[1])} <= named
+    assert np.abs(scores(found)).max() < 4.5
+    viscous = found.fit_after.unknowns.joint_values(found.fit_after.deviation)[1, 2]
+    assert viscous > 0.05 * KD[1]
 
 
 def test_a_torque_gain_under_which_a_joint_would_drive_itself_is_none(tmp_path: Path) -> None:
