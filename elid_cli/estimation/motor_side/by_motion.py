@@ -7,12 +7,11 @@ All of it acts on samples around the row's own (`Pieces`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.latent import Latent, Model
@@ -43,79 +42,105 @@ class ByMotion:
 
     def rows(self, pieces: Pieces, part: slice) -> Array:
         """Return the derivatives of some groups' rows by the coefficients of their windows, (C, rows, W n)."""
-        every = self._positions if pieces is self._problem.positions else self._torques
-        basis, n = pieces.basis[part], self._n
-        spread = {name: pieces.spread(six, part) for name, six in self._six.items()}
-        found = np.zeros((len(basis), pieces.rows.shape[1], len(every), pieces.knots * n))
-        for i, targets in enumerate(every):
-            for name, taps in targets.items():
-                kind, j = name
-                samples, knots = pieces.touched(taps.shape[1], part)
-                columns = slice(knots.start * n, knots.stop * n)
-                if kind == "own":
-                    found[:, :, i, columns][:, :, j::n] += pieces.dense(taps, part) @ basis[:, samples, knots]
-                else:
-                    found[:, :, i, columns] += pieces.dense(taps, part) @ spread[name][:, samples, columns]
-        return found.reshape(len(found), -1, found.shape[3])
+        rows, own, shared = self._positions if pieces is self._problem.positions else self._torques
+        n, (count, many) = self._n, pieces.rows[part].shape
+        found = np.zeros((count, rows, many, pieces.knots * n))
+        spreads = pieces.spread((self._six[name] for name in shared), part)
+        for (first, kinds), spread in zip(shared.values(), spreads, strict=True):
+            samples, columns = self._touched(pieces, kinds, part)
+            moved = pieces.dense(kinds, part) @ spread[:, samples, columns]
+            found[:, first : first + len(kinds), :, columns] += moved.reshape(count, len(kinds), many, -1)
+        for i, taps in enumerate(own):
+            samples, columns = self._touched(pieces, [taps], part)
+            moved = pieces.dense([taps], part) @ pieces.basis[part, samples, columns.start // n : columns.stop // n]
+            found[:, i, :, columns][:, :, i::n] += moved
+        return found.reshape(count, -1, pieces.knots * n)
+
+    def _touched(self, pieces: Pieces, taps: Sequence[Array], part: slice) -> tuple[slice, slice]:
+        samples, knots = pieces.touched(max(own.shape[1] for own in taps), part)
+        return samples, slice(knots.start * self._n, knots.stop * self._n)
 
     @cached_property
-    def _positions(self) -> list[dict[_Target, Array]]:
-        """Of every joint, the taps of θ's rows on what they reach."""
-        one = np.ones((self._problem.log.count, 1))
-        return [self._reached(i, one, None) for i in range(self._n)]
+    def _positions(self) -> _Reached:
+        """What the rows of θ reach."""
+        pieces = self._problem.positions
+        one = pieces.taps(np.ones(1))
+        return self._reached(pieces, [one] * self._n, [None] * self._n)
 
     @cached_property
-    def _torques(self) -> list[dict[_Target, Array]]:
-        """The same of the low-passed torques and sensors on links."""
-        problem, now, at, x = self._problem, self._now, self._at, self._x
-        found = []
-        low_pass = np.tile(problem.kernel, (len(problem.centres), 1))
-        first, second = self._rates
-        for i in range(self._n):
+    def _torques(self) -> _Reached:
+        """What the low-passed torques and sensors on links reach."""
+        problem, now, at, x, n = self._problem, self._now, self._at, self._x, self._n
+        pieces, (first, second) = problem.torques, self._rates
+        low_pass = pieces.taps(problem.kernel)
+        theta, spring = [], []
+        for i in range(n):
             inertia = x[at["J"][i]] + self._friction[1, :, i]
-            rates = self._moved(low_pass, self._friction[0, :, i], first) + self._moved(low_pass, inertia, second)
-            share = low_pass * problem.spring_share(now, x, i)[self._samples(low_pass)]
-            targets = self._reached(i, rates, share)
-            if problem.link.coupled and problem.link.elastic[i]:
-                targets["carried", i] = x[at["J"][i]] * low_pass
-            found.append(targets)
+            theta.append(
+                self._moved(pieces, low_pass, self._friction[0, :, i], first)
+                + self._moved(pieces, low_pass, inertia, second)
+            )
+            spring.append(low_pass * pieces.around(problem.spring_share(now, x, i), low_pass.shape[1]))
+        found = self._reached(pieces, theta, spring)
+        if problem.link.coupled:
+            for i in np.flatnonzero(problem.link.elastic).tolist():
+                found.shared["carried", i] = i, [x[at["J"][i]] * low_pass]
         first, second = self._short_rates
         one = np.ones(problem.log.count)
         delays = np.concatenate([kind.delay for kind in problem.mounted(x)]).tolist()
         for k, delay in enumerate(delays):
-            taps = summed(self._moved(low_pass, one, 0.5 * delay**2 * second - delay * first), low_pass)
-            found += [{("sensor", AXES * k + axis): taps} for axis in range(AXES)]
-        return found
+            taps = summed(self._moved(pieces, low_pass, one, 0.5 * delay**2 * second - delay * first), low_pass)
+            for axis in range(AXES * k, AXES * (k + 1)):
+                found.shared["sensor", axis] = n + axis, [taps]
+        return found._replace(rows=n + AXES * len(delays))
 
     def _sensors(self) -> Iterator[Array]:
         """Yield the derivatives of every axis of sensors on links by q and its rates, (orders, N, n) each."""
         for kind, felt in zip(self._problem.link.sensed, self._now.felt, strict=True):
             yield from kind.by_motion(felt, self._x[self._at[kind.kind.name]])
 
-    def _reached(self, i: int, theta: Array, spring: Array | None) -> dict[_Target, Array]:
-        """Return what rows reach that take θ_i and, with `spring`, the torque through its transmission by taps.
+    def _reached(self, pieces: Pieces, theta: Sequence[Array], spring: Sequence[Array | None]) -> _Reached:
+        """Return what rows reach of which the i-th takes θ_i and, with `spring`, the torque through its transmission.
 
         That torque takes deflections of the rotors that load its link, `levels` of them in a row.
         """
-        targets: dict[_Target, Array] = {("own", i): theta}
-        if self._problem.link.elastic[i]:
-            yielding = self._yielding(i, theta)
-            spring = yielding if spring is None else summed(spring, yielding)
-        if spring is None:
-            return targets
-        targets["spring", i] = spring
-        reached = {i: spring}
+        link = self._problem.link
+        through: dict[int, dict[int, Array]] = {}
+        """Of every transmission, by the row, the taps on its torque."""
+        for i, (own, taps) in enumerate(zip(theta, spring, strict=True)):
+            if link.elastic[i]:
+                yielding = self._yielding(pieces, i, own)
+                through[i] = {i: yielding if taps is None else summed(yielding, taps)}
+            elif taps is not None:
+                through[i] = {i: taps}
+        ahead = through
         for _ in range(self._problem.levels):
-            ahead, reached = reached, {}
-            for j, taps in ahead.items():
-                for k in self._problem.link.behind[j]:
-                    loads = zip(self._loads(j, k), self._rates, strict=True)
-                    moved = [self._moved(taps, load, rate) for load, rate in loads if load.any()]
-                    if moved:
-                        _add(reached, k, self._yielding(k, sum(moved[1:], moved[0])))
-            for k, taps in reached.items():
-                _add(targets, ("spring", k), taps)
-        return targets
+            loaded = ((k, self._loaded(pieces, ahead, k)) for k in range(self._n))
+            ahead = {k: by_row for k, by_row in loaded if by_row}
+            through = {k: _both(through.get(k, {}), ahead.get(k, {})) for k in sorted({*through, *ahead})}
+        shared: dict[_Target, tuple[int, list[Array]]] = {}
+        for k, by_row in through.items():
+            first, last = min(by_row), max(by_row)
+            none = pieces.taps(np.zeros(1))
+            shared["spring", k] = first, [by_row.get(i, none) for i in range(first, last + 1)]
+        return _Reached(self._n, theta, shared)
+
+    def _loaded(self, pieces: Pieces, ahead: Mapping[int, Mapping[int, Array]], k: int) -> dict[int, Array]:
+        """Return taps on the torque through transmission k by rows that reach the links that its rotor loads."""
+        rates: list[dict[int, Array]] = [{}, {}]
+        for j in (j for j in ahead if k in self._problem.link.behind[j]):
+            for by_row, load in zip(rates, self._loads(j, k), strict=True):
+                if not load.any():
+                    continue
+                inside = _inside(load, len(self._rates[0]) // 2)
+                for i, taps in ahead[j].items():
+                    share = taps * pieces.around(inside, taps.shape[1])
+                    by_row[i] = by_row[i] + share if i in by_row else share
+        speed, acceleration = (
+            {i: taps @ _shifts(stencil, taps.shape[1]) for i, taps in by_row.items()}
+            for by_row, stencil in zip(rates, self._rates, strict=True)
+        )
+        return {i: self._yielding(pieces, k, taps) for i, taps in _both(speed, acceleration).items()}
 
     def _on_knots(self, torque: Array, i: int) -> Array:
         """Return derivatives of the torque through a transmission by q and its rates, without deflections.
@@ -139,27 +164,37 @@ class ByMotion:
         found: Array = self._x[self._at["c"][i]] + self._problem.lost_slope(self._now, self._x, i)
         return found
 
-    def _yielding(self, i: int, taps: Array) -> Array:
+    def _yielding(self, pieces: Pieces, i: int, taps: Array) -> Array:
         """Return rows of θ_i as rows of the torque through its transmission."""
         c, T = (self._x[self._at[name][i]] for name in ("c", "damping"))
-        own = taps * self._yield(i)[self._samples(taps)]
+        own = taps * pieces.around(self._yield(i), taps.shape[1])
         first, second = self._short_rates
         one = np.ones(self._problem.log.count)
-        return summed(own, self._moved(taps, one, c * T * (T * second - first)))
+        return summed(own, self._moved(pieces, taps, one, c * T * (T * second - first)))
 
-    def _moved(self, taps: Array, share: Array, stencil: Array) -> Array:
+    def _moved(self, pieces: Pieces, taps: Array, share: Array, stencil: Array) -> Array:
         """Return rows of share (N,) times what a stencil gives, none near the ends, as rows of what it is given."""
-        reach = len(stencil) // 2
-        inside = share.copy()
-        inside[:reach] = inside[len(share) - reach :] = 0.0
-        found: Array = (taps * inside[self._samples(taps)]) @ _shifts(stencil, taps.shape[1])
+        inside = pieces.around(_inside(share, len(stencil) // 2), taps.shape[1])
+        found: Array = (taps * inside) @ _shifts(stencil, taps.shape[1])
         return found
 
-    def _samples(self, taps: Array) -> NDArray[np.intp]:
-        """Return the samples that taps stand on; beyond the ends, where they are zero, the last ones."""
-        problem = self._problem
-        rows = problem.positions if len(taps) == problem.log.count else problem.torques
-        return rows.samples(taps.shape[1])
+
+class _Reached(NamedTuple):
+    """What the rows of one kind reach."""
+
+    rows: int
+    """How many of them an instant has."""
+    own: Sequence[Array]
+    """Taps of the first ones on the positions of the links of the same number."""
+    shared: dict[_Target, tuple[int, list[Array]]]
+    """By what they reach: the first row's number, and the taps of that and the next ones."""
+
+
+def _inside(values: Array, reach: int) -> Array:
+    """Return values (N,), none near the ends."""
+    found = values.copy()
+    found[:reach] = found[len(values) - reach :] = 0.0
+    return found
 
 
 def _shifts(stencil: Array, size: int) -> Array:
@@ -169,5 +204,9 @@ def _shifts(stencil: Array, size: int) -> Array:
     return found
 
 
-def _add(targets: dict[Any, Array], name: Any, taps: Array) -> None:
-    targets[name] = summed(targets[name], taps) if name in targets else taps
+def _both(one: Mapping[int, Array], other: Mapping[int, Array]) -> dict[int, Array]:
+    """Return the sums of two sets of taps."""
+    found = dict(one)
+    for name, taps in other.items():
+        found[name] = summed(found[name], taps) if name in found else taps
+    return found

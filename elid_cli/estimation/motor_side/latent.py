@@ -12,7 +12,7 @@ regular at c = 0, a rigid joint. Torque rows are low-passed: friction's kinks an
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +30,7 @@ from elid_cli.model.link_vectors import Slopes
 
 PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
-POSITIONS, TORQUES = 8, 32
+POSITIONS, TORQUES = 8, 20
 """Samples that a group of position rows, and of torque rows, spans."""
 _LOAD_ROUNDING = 0.01
 """Torque within which |s| is rounded off, share of the joint's torque."""
@@ -267,67 +267,3 @@ class Latent:
             load = x[self.unknowns["load"][joint]]
             share += load * now.sign[:, joint] * now.spring[:, joint] / now.rounded[:, joint]
         return share
-
-    def by_unknowns(self, now: Model, x: Array, rubs: Array) -> tuple[Array, Array]:
-        """Return d θ / d x, (N, n, size), and the derivatives of the low-passed rows by x, (rows, n + 3 m, size).
-
-        `rubs` are `friction_slopes`.
-        """
-        at, n, (first, second) = self.unknowns.places, self.log.n, self.log.rates
-        theta, tau = np.zeros((2, self.log.count, n, self.unknowns.size))
-        rate = first @ now.tau
-        for i in reversed(range(n)):
-            spring, used = self._spring_by_unknowns(now, x, theta, i)
-            if self.link.elastic[i]:
-                self._deflection_by_unknowns(now, x, spring, theta[:, i], i)
-                used = np.union1d(used, [at[name][i] for name in ("damping", "lost", "c")])
-                here = theta[:, i, used]
-                inertia = x[at["J"][i]] + rubs[1, :, i, None]
-                tau[:, i, used] = inertia * (second @ here) + rubs[0, :, i, None] * (first @ here)
-                tau[:, i, at["J"][i]] += now.acceleration[:, i] + now.terms.carried[:, i]
-            tau[:, i] += self.spring_share(now, x, i)[:, None] * spring
-            tau[:, i, at["fv"][i]], tau[:, i, at["fs"][i]] = now.speed[:, i], now.sign[:, i]
-            tau[:, i, at["offset"][i]], tau[:, i, at["delay"][0]] = 1.0, rate[:, i]
-            if len(now.rounded):
-                tau[:, i, at["load"][i]] = now.sign[:, i] * now.rounded[:, i]
-            if len(now.bumps):
-                tau[:, i, at["bumps"].reshape(-1, n)[:, i]] = now.bumps[:, :, i].T
-        for place, friction in zip(at["further"], self.further, strict=True):
-            tau[:, friction.joint, place] = friction.values(now.speed[:, friction.joint])
-        rows = [*(tau[:, i] for i in range(n)), *self._sensors_by_unknowns(now, x)]
-        return theta, np.stack([self.rows @ row for row in rows], axis=1)
-
-    def _sensors_by_unknowns(self, now: Model, x: Array) -> Iterator[Array]:
-        """Yield the derivatives of what every sensor on a link measures about every axis, (N, size) each."""
-        for kind, felt in zip(self.link.sensed, now.felt, strict=True):
-            places = self.unknowns[kind.kind.name]
-            for part, slopes in kind.by_unknowns(felt, x[places], self.log.short_rates):
-                row = np.zeros((self.log.count, self.unknowns.size))
-                row[:, places[part]] = slopes
-                yield row
-
-    def _spring_by_unknowns(self, now: Model, x: Array, theta: Array, i: int) -> tuple[Array, NDArray[np.intp]]:
-        """Return d s_i / d x, (N, size), and which columns of it are not empty; later joints' θ is differentiated."""
-        at, (first, second) = self.unknowns.places, self.log.rates
-        spring = np.zeros((self.log.count, self.unknowns.size))
-        spring[:, at["p"]] = now.terms.columns[:, i]
-        for j in self.link.behind[i]:
-            speed, acceleration = now.terms.by_speed[:, i, j], now.terms.by_acceleration[:, i, j]
-            used = np.flatnonzero(theta[:, j].any(axis=0))
-            for load, rate in ((speed, first), (acceleration, second)):
-                if load.any():
-                    spring[:, used] += (x[at["J"][j]] * load)[:, None] * (rate @ theta[:, j, used])
-            spring[:, at["J"][j]] += speed * now.speed[:, j] + acceleration * now.acceleration[:, j]
-        own = [np.asarray([at[name][j] for name in ("J", "damping", "lost", "c")]) for j in range(i, self.log.n)]
-        return spring, np.concatenate([at["p"], *own])
-
-    def _deflection_by_unknowns(self, now: Model, x: Array, spring: Array, theta: Array, i: int) -> None:
-        """Write d θ_i / d x, (N, size), into `theta`."""
-        at, (short, shorter) = self.unknowns.places, self.log.short_rates
-        c, T = x[at["c"][i]], x[at["damping"][i]]
-        used = np.flatnonzero(spring.any(axis=0))
-        theta[:, used] = c * self.lag(spring[:, used], T) + self.lost_slope(now, x, i)[:, None] * spring[:, used]
-        s = now.spring[:, i]
-        theta[:, at["c"][i]] += now.lagged[:, i]
-        theta[:, at["damping"][i]] += c * (-(short @ s) + 2 * T * (shorter @ s))
-        theta[:, at["lost"][i]] += np.tanh(s / self.lost_scale[i])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.banded import BandedFactor
-from elid_cli.estimation.motor_side.by_motion import ByMotion
 from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent import PARTS, Latent, Model
-from elid_cli.estimation.motor_side.pieces import Pieces
+from elid_cli.estimation.motor_side.normal import Normal, Rows, Schur
 
 HUBER = 4.0
 """Torque residual in standard deviations beyond which it counts less."""
@@ -28,33 +25,6 @@ _BLOCKS = 20
 """Blocks of time whose scores tell of correlated residuals."""
 _SETTLED = 0.1
 """Move of every compliance, in standard errors, below which iteration may end."""
-
-
-@dataclass(frozen=True)
-class Schur:
-    """Normal equations of the free unknowns with the links' motion eliminated."""
-
-    matrix: Array
-    load: Array
-    scale: Array
-    half: Array
-    """Uᵀ^-1 times the border, and times the gradient (last column)."""
-    factor: BandedFactor
-    """U of the coefficients' own normal equations."""
-
-    def path(self, move: Array) -> Array:
-        """Return the coefficients' move that goes with one of the free unknowns, (K n,)."""
-        return self.factor.back(self.half[:, -1:] - self.half[:, :-1] @ move[:, None])[:, 0]
-
-    def fall(self, move: Array) -> float:
-        """Return how much the linear equations' cost falls with a move of the free unknowns and the coefficients."""
-        own = self.half[:, -1]
-        return float(own @ own + self.load @ move)
-
-    @cached_property
-    def following(self) -> Array:
-        """Return what moves of the free unknowns move the coefficients by, but for the sign, (K n, U)."""
-        return self.factor.back(self.half[:, :-1])
 
 
 @dataclass(frozen=True)
@@ -101,12 +71,12 @@ class LatentFit:
         """The same from the scores of blocks of time, which keep the residual's correlation."""
         problem, count = self.problem, self.problem.log.count
         sums = np.zeros((_BLOCKS, len(self.free)))
-        rows = _Rows(problem, self.model, self.x, self.residuals, self.root, self.free)
+        rows = Rows(problem, self.model, self.x, self.residuals, self.root, self.free)
         for pieces, part, A, P, r in rows:
             cells = pieces.first_knot[part, None] * problem.log.n + np.arange(A.shape[2])
             scores = (P - A @ self.schur.following[cells]) * r[:, :, None]
             places, several = pieces.rows[part], A.shape[1] // pieces.rows.shape[1]
-            block = np.repeat((pieces.centres * _BLOCKS // count)[places], several)
+            block = np.repeat((pieces.centres * _BLOCKS // count)[places][:, None], several, axis=1).ravel()
             np.add.at(sums, block, scores.reshape(-1, scores.shape[2]))
         sums -= sums.mean(axis=0)
         inverse = self.covariance[np.ix_(self.free, self.free)]
@@ -186,8 +156,8 @@ class _Descent:
         costs = [cost]
         for _ in range(self.how.steps):
             root = np.sqrt(weight)
-            rows = _Rows(problem, now, x, (theta, tau), root, self.free)
-            normal = _Normal(rows, self.pull[self.free], (x - problem.prior_mean)[self.free])
+            rows = Rows(problem, now, x, (theta, tau), root, self.free)
+            normal = Normal(rows, self.pull[self.free], (x - problem.prior_mean)[self.free])
             step = self._stepped(normal, coefficients, x, weight, cost)
             if step is None:
                 break
@@ -210,7 +180,7 @@ class _Descent:
             root, undamped,
         )  # fmt: skip
 
-    def _stepped(self, normal: _Normal, coefficients: Array, x: Array, weight: Array, cost: float) -> _Step | None:
+    def _stepped(self, normal: Normal, coefficients: Array, x: Array, weight: Array, cost: float) -> _Step | None:
         """Return the first step that lowers the cost: shorter ones of a direction, then directions that are damped."""
         for attempt in range(_TRIES):
             schur = normal.eliminated(self.damping)
@@ -245,8 +215,8 @@ class _Descent:
         Products of a step's moves leave more of finely measured positions than the step gains: without this, a fit of
         such a log crawls along its valley.
         """
-        rows = _Rows(self.problem, now[2], x, now[:2], np.sqrt(weight), self.free[:0])
-        schur = _Normal(rows, np.zeros(0), np.zeros(0)).eliminated(0.0)
+        rows = Rows(self.problem, now[2], x, now[:2], np.sqrt(weight), self.free[:0])
+        schur = Normal(rows, np.zeros(0), np.zeros(0)).eliminated(0.0)
         if schur is not None:
             nearer = there + schur.path(np.zeros(0)).reshape(there.shape)
             after = self.problem.residual(nearer, x)
@@ -262,72 +232,3 @@ class _Descent:
         c = np.isin(self.free, self.problem.unknowns["c"])
         enough = np.maximum(_SETTLED * deviation[c], self.how.near * np.abs(step.x[self.free[c]]))
         return bool(np.all(np.abs(step.move[c]) < enough))
-
-
-class _Rows:
-    """Rows of the normal equations over their noise, some groups of them at a time.
-
-    Iterating gives groups, which of them, derivatives by their windows' coefficients and by the unknowns, residuals.
-    """
-
-    def __init__(
-        self, problem: Latent, now: Model, x: Array, residuals: tuple[Array, Array], root: Array,
-        free: NDArray[np.intp],
-    ) -> None:  # fmt: skip
-        friction = problem.friction_slopes(now, x)
-        self.problem, self._by_motion = problem, ByMotion(problem, now, x, friction)
-        theta, tau = residuals
-        self._over = np.broadcast_to(1 / problem.log.theta_noise, theta.shape), root / problem.tau_noise
-        self._by_x = (
-            [slopes[:, :, free] for slopes in problem.by_unknowns(now, x, friction)]
-            if len(free)
-            else [np.zeros((*residual.shape, 0)) for residual in residuals]
-        )
-        self._residual = theta, tau * root
-
-    def __iter__(self) -> Iterator[tuple[Pieces, slice, Array, Array, Array]]:
-        kinds = zip((self.problem.positions, self.problem.torques), self._over, self._by_x, self._residual, strict=True)
-        for pieces, noise, by_x, residual in kinds:
-            for part in pieces.turns(self.problem.log.n):
-                over = pieces.of(noise, part)[:, :, None]
-                A = self._by_motion.rows(pieces, part)
-                A *= over
-                yield pieces, part, A, pieces.of(by_x, part) * over, pieces.of(residual, part)
-
-
-class _Normal:
-    """Normal equations of coefficients (banded) and free unknowns (a border)."""
-
-    def __init__(self, rows: _Rows, pull: Array, miss: Array) -> None:
-        problem, n = rows.problem, rows.problem.log.n
-        size = problem.spline.count * n
-        self._band = np.zeros((size, (max(problem.positions.reach, problem.torques.reach) + 1) * n))
-        self._sides = np.zeros((size, len(pull) + 1))
-        self._corner, self._edge = np.diag(pull), -pull * miss
-        for pieces, part, A, P, r in rows:
-            pieces.added_squares(A, part, self._band)
-            pieces.added(A.transpose(0, 2, 1) @ np.concatenate([P, r[:, :, None]], axis=2), part, self._sides)
-            P = P.reshape(r.size, P.shape[2])
-            self._corner += P.T @ P
-            self._edge += P.T @ r.ravel()
-
-    def eliminated(self, damping: float) -> Schur | None:
-        """Return the Schur complement, or None where the band is not positive definite."""
-        band = self._band.copy()
-        band[:, -1] = band[:, -1] * (1 + 1e-11 + 1e-3 * damping) + 1e-14 * band[:, -1].max()
-        try:
-            factor = BandedFactor(band.T)
-        except np.linalg.LinAlgError:
-            return None
-        half = factor.forward(self._sides)
-        matrix = self._corner - half[:, :-1].T @ half[:, :-1]
-        load = self._edge - half[:, :-1].T @ half[:, -1]
-        size = np.maximum(np.diag(matrix), 1e-10 * np.diag(self._corner) + 1e-300)
-        return Schur(matrix, load, 1 / np.sqrt(size), half, factor)
-
-    @staticmethod
-    def move(schur: Schur, damping: float) -> tuple[Array, Array]:
-        """Return the move of the free unknowns and the scaled, damped matrix that gave it."""
-        unit = schur.matrix * schur.scale[:, None] * schur.scale
-        held = unit + (damping + 1e-9) * np.eye(len(unit))
-        return schur.scale * np.linalg.solve(held, schur.scale * schur.load), unit

@@ -8,6 +8,7 @@ A row is told by its taps: what it does to the samples around the one that it li
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import pairwise
 
@@ -63,14 +64,13 @@ class Pieces:
         """First knot of every group's window, (C,)."""
         self._offset = knots - self.first_knot[:, None]
         self._values = spline.values(0)
-        self._samples: dict[int, NDArray[np.intp]] = {}
         self._places: dict[tuple[int, int, int], NDArray[np.intp]] = {}
 
     def of(self, values: Array, part: slice) -> Array:
-        """Return values (rows, n, ...) group by group, (C, R n, ...): zero where a row does not exist."""
+        """Return values (rows, n, ...) group by group, (C, n R, ...): zero where a row does not exist."""
         there = self.there[part]
         found: Array = values[self.rows[part]] * there.reshape(*there.shape, *[1] * (values.ndim - 1))
-        return found.reshape(len(found), there.shape[1] * values.shape[1], *values.shape[2:])
+        return found.swapaxes(1, 2).reshape(len(found), there.shape[1] * values.shape[1], *values.shape[2:])
 
     def turns(self, n: int) -> list[slice]:
         """Return the groups in turns whose matrices of n joints fit the cache together."""
@@ -81,14 +81,20 @@ class Pieces:
     @cached_property
     def basis(self) -> Array:
         """The basis at the window's samples, (C, S, W)."""
-        return self.spread(self._values, slice(None))
+        return next(self.spread([self._values], slice(None)))
 
-    def spread(self, six: Array, part: slice) -> Array:
-        """Return what stands on six knots, (N, 6 n), at the window's samples over its knots, (C, S, W n)."""
-        window, n = self._window[part], six.shape[1] // ORDER
-        found = np.zeros(window.size * self.knots * n)
-        found[self._spread_to(n, part)] = six.take(window.ravel(), axis=0).ravel()
-        return found.reshape(*window.shape, -1)
+    def spread(self, sixes: Iterable[Array], part: slice) -> Iterator[Array]:
+        """Yield what stands on six knots, (N, 6 n) each, at the window's samples over its knots, (C, S, W n).
+
+        All in the same memory, one after the other: what is zero in one of them is so in all.
+        """
+        window, found, n = self._window[part], np.zeros(0), 0
+        for six in sixes:
+            if not len(found):
+                n = six.shape[1] // ORDER
+                found = np.zeros(window.size * self.knots * n)
+            found[self._spread_to(n, part)] = six.take(window.ravel(), axis=0).ravel()
+            yield found.reshape(*window.shape, -1)
 
     def _spread_to(self, n: int, part: slice) -> NDArray[np.intp]:
         """Return where `spread` puts n columns per knot, (C S 6 n,): one index is twice as fast as rows of them."""
@@ -99,12 +105,22 @@ class Pieces:
             self._places[name] = (place[:, None] + np.arange(ORDER * n)).ravel()
         return self._places[name]
 
-    def samples(self, wide: int) -> NDArray[np.intp]:
-        """Return the samples that so many taps of every row stand on, (rows, wide); beyond the ends the last ones."""
-        if wide not in self._samples:
-            place = self.centres[:, None] + np.arange(-(wide // 2), wide // 2 + 1)
-            self._samples[wide] = np.clip(place, 0, len(self._values) - 1)
-        return self._samples[wide]
+    def taps(self, kernel: Array) -> Array:
+        """Return the same taps (wide,) for every place of a group, (C R, wide): zero where a row does not exist."""
+        return self.there.reshape(-1, 1) * kernel
+
+    def around(self, values: Array, wide: int) -> Array:
+        """Return values (N,) at the samples that so many taps of every place stand on, (C R, wide), by a view.
+
+        Beyond the ends it is the last one.
+        """
+        reach, apart, count = wide // 2, int(self.centres[1] - self.centres[0]), self.there.size
+        first = int(self.centres[0]) - reach
+        after = first + apart * (count - 1) + wide - len(values)
+        ends = np.full(max(-first, 0), values[0]), np.full(max(after, 0), values[-1])
+        whole = np.concatenate([ends[0], values[max(first, 0) :], ends[1]])
+        step = whole.itemsize
+        return np.lib.stride_tricks.as_strided(whole, (count, wide), (apart * step, step), writeable=False)
 
     def touched(self, wide: int, part: slice) -> tuple[slice, slice]:
         """Return which of the window's samples so many taps of a group's rows touch, and which of its knots these."""
@@ -113,37 +129,40 @@ class Pieces:
         knots = slice(int(offset[:, first].min()), int(offset[:, last].max()) + ORDER)
         return slice(first, last + 1), knots
 
-    def dense(self, taps: Array, part: slice) -> Array:
-        """Return rows of taps on the samples that they touch, (C, R, samples)."""
-        rows, there, wide = self.rows[part], self.there[part], taps.shape[1]
-        found = np.zeros((*rows.shape, int(self._apart[-1]) + wide))
-        group, row, item = found.strides
+    def dense(self, taps: Sequence[Array], part: slice) -> Array:
+        """Return rows of taps on the samples that they touch, (C, I R, samples).
+
+        `taps`, (C R, wide) each, are I kinds of rows, in the order in which they come. They may be of unlike width.
+        """
+        wide, (count, many) = max(own.shape[1] for own in taps), self.there[part].shape
+        found = np.zeros((count, len(taps), many, int(self._apart[-1]) + wide))
+        group, _, row, item = found.strides
         apart = int(self._apart[1]) if len(self._apart) > 1 else 0
-        there_of = np.lib.stride_tricks.as_strided(found, (*rows.shape, wide), (group, row + apart * item, item))
-        np.multiply(taps[rows], there[:, :, None], out=there_of)
-        return found
+        for k, own in enumerate(taps):
+            margin = (wide - own.shape[1]) // 2
+            shape, strides = (count, many, own.shape[1]), (group, row + apart * item, item)
+            there_of = np.lib.stride_tricks.as_strided(found[:, k, :, margin:], shape, strides)
+            there_of[:] = own.reshape(*self.there.shape, -1)[part]
+        return found.reshape(count, -1, found.shape[3])
 
-    def added(self, values: Array, part: slice, total: Array) -> None:
-        """Add values on windows, (C, W n, ...), to those of all coefficients (K n, ...)."""
-        n = values.shape[1] // self.knots
-        for start, window in zip(self.first_knot[part].tolist(), values, strict=True):
-            total[start * n : (start + self.knots) * n] += window
+    def added_products(self, values: Array, others: Array, part: slice, band: Array, sides: Array) -> None:
+        """Add AᵀA and AᵀB of matrices on windows, A (C, rows, W n) and B (C, rows, k), to a banded matrix and to sides.
 
-    def added_squares(self, values: Array, part: slice, band: Array) -> None:
-        """Add AᵀA of matrices A on windows, (C, rows, W n), to a banded matrix whose columns are rows of `band`.
-
-        `band` is (K n, b + 1), upper band storage turned over. Beyond the band AᵀA is zero: no row reaches so far.
+        `band` is (K n, b + 1), upper band storage turned over; `sides` are (K n, k). Beyond the band AᵀA is zero: no
+        row reaches so far.
         """
         reach, width = band.shape[1] - 1, values.shape[2]
-        square = np.empty((len(values), width, reach + width))
-        square[:, :, :reach] = 0.0
-        np.matmul(values.transpose(0, 2, 1), values, out=square[:, :, reach:])
-        group, row, item = square.strides
-        shape = len(values), width, reach + 1
-        skewed = np.lib.stride_tricks.as_strided(square, shape, (group, row + item, item), writeable=False)
-        n = width // self.knots
-        for start, window in zip((self.first_knot[part] * n).tolist(), skewed, strict=True):
-            band[start : start + width] += window
+        # one product of unlike matrices: of Aᵀ A alone NumPy computes one half and copies it number by number
+        both = np.concatenate([values, others], axis=2)
+        square = np.zeros((width, reach + both.shape[2]))  # group by group in the same memory: it stays in the cache
+        row, item = square.strides
+        skewed = np.lib.stride_tricks.as_strided(square, (width, reach + 1), (row + item, item), writeable=False)
+        product, beside = square[:, reach:], square[:, reach + width :]
+        first = (self.first_knot[part] * (width // self.knots)).tolist()
+        for start, own, all_of_it in zip(first, values, both, strict=True):
+            np.matmul(own.T, all_of_it, out=product)
+            band[start : start + width] += skewed
+            sides[start : start + width] += beside
 
 
 def summed(taps: Array, others: Array) -> Array:

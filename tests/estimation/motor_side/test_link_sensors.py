@@ -15,6 +15,7 @@ from jsonschema import Draft202012Validator
 from elid_cli._types import Array
 from elid_cli.cli import main
 from elid_cli.estimation.motor_side import mounting
+from elid_cli.estimation.motor_side.by_unknowns import by_unknowns
 from elid_cli.estimation.motor_side.estimate import motor_side
 from elid_cli.estimation.motor_side.link_sensors import KINDS, MISLEADS, Kind, LinkSensors, Sensed, sensors_of, watched
 from elid_cli.estimation.motor_side.motor_log import Samples
@@ -101,7 +102,7 @@ def test_what_sensors_measure_follows_their_mounting_bias_delay_and_place() -> N
     setting = setting_of(random_motor_arm(np.random.default_rng([47, 77]), 3))
     problem, x, coefficients = problem_of(setting)
     now = problem.model(coefficients, x)
-    slopes = problem.by_unknowns(now, x, problem.friction_slopes(now, x))[1]
+    slopes = by_unknowns(problem, now, x, problem.friction_slopes(now, x))[1]
     places = problem.unknowns.of_sensors.tolist()
     assert len(places) == 2 * 13 + 2 * 16
     for place in places:
