@@ -14,7 +14,7 @@ import numpy as np
 from elid_cli.errors import DataError, LogError
 from elid_cli.estimation.commanded_rates import rated, with_rates
 from elid_cli.estimation.result import EstimateOptions, Identification
-from elid_cli.estimation.trajectory.nearer import Known, is_quick, nearer_by_motion
+from elid_cli.estimation.trajectory.nearer import Known, first_of, is_quick, nearer_by_motion
 from elid_cli.logs.mapping.resolve import RATE
 from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
@@ -63,12 +63,16 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
         return signals
     signals = replace(signals, recording=replace(recording, inferred=True))
     held, smooth = replace(signals, recording=replace(recording, smooth=False, inferred=True)), as_read(signals)
+    known: Known = {}
     try:
-        found = _is_smooth(robot, held, smooth)
+        found = _is_smooth(robot, held, smooth, known)
     except DataError:  # nothing can be fitted, which whoever asks will say
         return held
     assert held.recording is not None
-    return smooth if found else replace(held, recording=replace(held.recording, doubted=found is None))
+    first = first_of(known, smooth if found else held)
+    if found:
+        return replace(smooth, first=first)
+    return replace(held, recording=replace(held.recording, doubted=found is None), first=first)
 
 
 def recorded_as_told(
@@ -120,8 +124,8 @@ def noted(found: Identification, recording: Recording | None) -> Identification:
     return replace(found, notes=(*found.notes, NOTE) if new else found.notes, settings=settings)
 
 
-def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool | None:
-    """Return whether commands are smooth; None where the log does not say."""
+def _is_smooth(robot: Robot, held: Signals, smooth: Signals, known: Known) -> bool | None:
+    """Return whether commands are smooth; None where the log does not say. Fits that are made join those known."""
     assert held.recording is not None
     if commands_step(held.recording):
         return False
@@ -135,7 +139,6 @@ def _is_smooth(robot: Robot, held: Signals, smooth: Signals) -> bool | None:
     )
     if not doubted:
         return None
-    known: Known = {}
     nearer = nearer_by_motion(robot, held, smooth, known=known)
     if nearer is not None and nearer.bound and nearer.by >= 0:
         looped = nearer_by_motion(robot, held, smooth, loops=True, known=known)

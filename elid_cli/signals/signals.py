@@ -97,6 +97,9 @@ class Signals(Brief):
     """Whether the user left the cut-off of the filter to the data."""
     moved: Array = field(default_factory=lambda: np.zeros(0))
     """By how much each torque channel has been moved to where it acts, s, (n,); empty: none."""
+    first: object = field(default=None, compare=False, repr=False)
+    """The first fit of the simulated motion where one was made on the way (`first_fits.FirstFit`): it knows what it is
+    of, and whoever begins with the same one need not make it again."""
 
     @property
     def n(self) -> int:

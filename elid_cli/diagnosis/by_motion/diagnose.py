@@ -112,14 +112,14 @@ def diagnose_motion(
     effects, amplitudes = declared_along(robot, runs[0])
     runs = believed(robot, runs, started_from(robot, signals), (effects, amplitudes))
     bare = runs
-    runs, timed = runs_in_time(robot, signals, bare, started_from(robot, signals), (effects, amplitudes))
-    higher = raised_limits(robot, signals, runs, (effects, amplitudes)) if _may_raise(only) else None
+    runs, timed, first = runs_in_time(robot, signals, bare, started_from(robot, signals), (effects, amplitudes))
+    higher = raised_limits(robot, signals, runs, (effects, amplitudes), first) if _may_raise(only) else None
     if higher is not None:
         robot, signals, runs, found = higher.robot, higher.signals, list(higher.runs), None
         bare = runs
     found = found or least_squares(robot, signals)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
-    whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
+    whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress, first)
     otherwise = None if whole.done.partial else told_otherwise(told, runs, whole)
     if otherwise is not None:
         return diagnose_motion(described, otherwise, None, only, progress)

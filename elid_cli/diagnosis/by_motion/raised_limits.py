@@ -17,6 +17,7 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
 from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.first_fits import FirstFit, first_fit
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
@@ -43,8 +44,9 @@ class Raised:
 
 
 def raised_limits(
-    robot: Robot, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]]
-) -> Raised | None:
+    robot: Robot, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]],
+    first: FirstFit | None = None,
+) -> Raised | None:  # fmt: skip
     """Return the robot without limits that the motion refutes; None where it refutes none.
 
     Parameters
@@ -53,12 +55,14 @@ def raised_limits(
         The robot, the log, and its stretches that commands drive.
     declared
         Effects that the robot declares, and their amplitudes.
+    first
+        The first fit of the motion, where it is known.
     """
     peaks = _asked_beyond(robot, runs)
     if not peaks:
         return None
     try:
-        before = fit_trajectory(robot, runs, started_from(robot, signals), *declared)
+        before = first_fit(robot, runs, started_from(robot, signals), declared, first).fit
     except DataError:
         before = None  # cut so low, the motion runs away
     while peaks:

@@ -29,7 +29,7 @@ from elid_cli.diagnosis.by_motion.rivals import in_best_forms, with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
-from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.first_fits import FirstFit, first_fit
 from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit
 from elid_cli.estimation.trajectory.softening import gains_of
 from elid_cli.model.effects import effect_classes
@@ -89,6 +89,7 @@ def search(
     amplitudes: Sequence[float],
     only: Sequence[str] = (),
     progress: Progress | None = None,
+    first: FirstFit | None = None,
 ) -> Searched:
     """Search for the effects that a robot's motion under its commands lacks.
 
@@ -104,10 +105,13 @@ def search(
         Names of the effects to try; empty: all that a simulated motion can hold.
     progress
         Called with a label and the finished part.
+    first
+        The first fit of the motion, where one was made before.
     """
     kinds = kinds_of(effect_classes(), only)
     say = _Told(progress)
-    fit = fit_trajectory(robot, runs, start, declared, amplitudes, tell=say.within("fitting the motion", 0, SHARES[0]))
+    tell = say.within("fitting the motion", 0, SHARES[0])
+    fit = first_fit(robot, runs, start, (declared, amplitudes), first, tell).fit
     before, limits, partial, tried = fit.held or fit, tuple[TorqueLimit, ...](), False, 0
     try:
         if any(kind.of_drive == "limit" for kind in tried_of(effect_classes(), only)):

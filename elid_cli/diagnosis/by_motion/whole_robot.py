@@ -31,17 +31,12 @@ from elid_cli.diagnosis.by_motion.together import (
     twins_of_gains,
     with_another,
 )  # fmt: skip
-from elid_cli.diagnosis.by_motion.torque_gains import (
-    Gains,
-    asked_by_motion,
-    gains_of,
-    given_up,
-    nearer,
-)
+from elid_cli.diagnosis.by_motion.torque_gains import Gains, asked_by_motion, gains_of, given_up, nearer
 from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.changes import Changed, retuned
+from elid_cli.estimation.trajectory.first_fits import FirstFit
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.integral_terms import integral_terms, terms_of
 from elid_cli.estimation.trajectory.late_joints import LEAST, LateJoints, late_joints
@@ -65,7 +60,7 @@ HOPED = 0.3
 
 def searched(
     robot: Robot, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]],
-    off: Sequence[LoadScale], only: Sequence[str] = (), progress: Progress | None = None,
+    off: Sequence[LoadScale], only: Sequence[str] = (), progress: Progress | None = None, first: FirstFit | None = None,
 ) -> Found:  # fmt: skip
     """Search for effects, for gains of the drives in their place, for a robot that stands otherwise than described.
 
@@ -77,12 +72,12 @@ def searched(
         Effects that the robot declares, and their amplitudes.
     off
         What multiplies the torque that the bodies need, of the joints where that is surely not 1.
-    only, progress
+    only, progress, first
         As `search` has them.
     """
-    done = search(robot, runs, started_from(robot, signals), *declared, only, progress)
-    first = done.before
-    plain = Found(done, first, robot, np.ones(robot.n), np.zeros(robot.n, dtype=bool), (), None, None)
+    done = search(robot, runs, started_from(robot, signals), *declared, only, progress, first)
+    before = done.before
+    plain = Found(done, before, robot, np.ones(robot.n), np.zeros(robot.n, dtype=bool), (), None, None)
     if done.partial:
         return plain
     found = plain
@@ -90,9 +85,9 @@ def searched(
         log = _Log(signals, runs, declared, only, progress)
         found = with_gain_twins(_by_other_bodies(plain, _by_both(plain, log, off), log), first)
         after = counting(aware(found.done.after, found.changes, found.scaled, found.robot), found.shifts)
-        return replace(found, done=replace(found.done, before=first, after=after))
+        return replace(found, done=replace(found.done, before=before, after=after))
     except KeyboardInterrupt:
-        return replace(found, done=replace(found.done, before=first, partial=True))
+        return replace(found, done=replace(found.done, before=before, partial=True))
 
 
 @dataclass(frozen=True)

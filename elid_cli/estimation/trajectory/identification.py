@@ -23,6 +23,7 @@ from elid_cli.estimation.trajectory.decided import fit_with_columns
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.doubted_commands import with_doubted_commands
 from elid_cli.estimation.trajectory.doubtful_joints import with_doubtful_joints
+from elid_cli.estimation.trajectory.first_fits import first_fit
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
     delay_name,
@@ -143,7 +144,10 @@ def fit_of(
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
     start = started_from(robot, signals) if start is None else start
-    fit, columns = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=delays)
+    if delays:
+        fit, columns = first_fit(robot, runs, start, (effects, amplitudes), signals.first).with_columns
+    else:
+        fit, columns = fit_with_columns(robot, runs, start, effects, amplitudes, late=False, soft=False)
     if delays:
         errors = np.zeros(robot.n)
         known = declared_late(fit, robot)

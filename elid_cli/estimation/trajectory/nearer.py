@@ -13,6 +13,7 @@ from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
 if TYPE_CHECKING:  # logs with torque, which are read alike, need no simulation
+    from elid_cli.estimation.trajectory.first_fits import FirstFit
     from elid_cli.estimation.trajectory.fit import TrajectoryFit
 
 CLEARLY = 10.0
@@ -46,8 +47,9 @@ class Nearer:
     """Whether the other leaves a joint no viscous friction, as loops that hold their torque would."""
 
 
-Known = dict[tuple[int, float, bool], "TrajectoryFit"]
-"""Fits of a robot to versions of a log: by `id` of the version, the part of it and whether friction may fade in."""
+Known = dict[tuple[int, float, bool], tuple["TrajectoryFit", object]]
+"""Fits of a robot to versions of a log: by `id` of the version, the part of it and whether friction may fade in. With
+each, the first fit (`first_fits.FirstFit`) of the whole log that it is of; None of a part."""
 
 
 def nearer_by_motion(
@@ -76,10 +78,11 @@ def nearer_by_motion(
         for log in (one, other):
             if (id(log), part, soft) not in known:
                 # a simulator's steps, too, seem half a sample ahead of held commands
-                known[id(log), part, soft] = with_steps(_fit(robot, posed(robot), log, part, soft=soft), log)
+                fit, first = _fit(robot, posed(robot), log, part, soft=soft)
+                known[id(log), part, soft] = with_steps(fit, log), first
     except (DataError, LogError, RobotError):
         return None
-    fits = [known[id(log), part, soft] for log in (one, other)]
+    fits = [known[id(log), part, soft][0] for log in (one, other)]
     if loops:
         fits[0] = nearest_loops(fits[0])
     by = float(np.log(fits[0].equations.size / fits[1].equations.size).sum())
@@ -89,8 +92,13 @@ def nearer_by_motion(
     left = bool((near.above_noise(log) < ABOVE).all())
     throughout = left and nearer_throughout(near, far) > THROUGHOUT
     least = max(LEAST, CLEARLY / count) if alone else LEAST * robot.n if throughout else REMEMBERED * robot.n
-    first, second = (float(fit.delays.mean()) for fit in fits)
-    return Nearer(by if abs(by) > least else 0.0, left, (first, second), bool(negative(fits[1]).any()))
+    late = float(fits[0].delays.mean()), float(fits[1].delays.mean())
+    return Nearer(by if abs(by) > least else 0.0, left, late, bool(negative(fits[1]).any()))
+
+
+def first_of(known: Known, log: Signals) -> object:
+    """Return the first fit of a version of a log among those that are known, None where there is none."""
+    return next((first for (of, _, soft), (_, first) in known.items() if of == id(log) and soft), None)
 
 
 def is_quick(robot: Robot, log: Signals) -> bool:
@@ -100,16 +108,23 @@ def is_quick(robot: Robot, log: Signals) -> bool:
     return SOFTER * seconds(robot, log) <= LONGEST
 
 
-def _fit(robot: Robot, standing: Robot, log: Signals, part: float, *, soft: bool) -> TrajectoryFit:
+def _fit(
+    robot: Robot, standing: Robot, log: Signals, part: float, *, soft: bool
+) -> tuple[TrajectoryFit, FirstFit | None]:
     from elid_cli.estimation.trajectory.beginning import started_from
     from elid_cli.estimation.trajectory.decided import fit_trajectory
+    from elid_cli.estimation.trajectory.first_fits import first_fit
     from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along
     from elid_cli.model.effects.of_drives import as_acting
 
     assert log.recording is not None
     acting = as_acting(robot, log)
     runs = commanded_runs(_middle(log.recording, part), standing)
-    return fit_trajectory(standing, runs, started_from(standing, acting), *declared_along(standing, runs[0]), soft=soft)
+    start, declared = started_from(standing, acting), declared_along(standing, runs[0])
+    if not soft:
+        return fit_trajectory(standing, runs, start, *declared, soft=False), None
+    first = first_fit(standing, runs, start, declared, log.first)  # of the whole log: friction may fade in
+    return first.fit, first
 
 
 def _middle(recording: Recording, part: float) -> Recording:

@@ -16,7 +16,7 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.trajectory.changes import nearer_by
-from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.first_fits import FirstFit, first_fit
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.held_loops import (
     AT_NOISE,
@@ -240,10 +240,10 @@ def _in_doubt(fit: TrajectoryFit, free: TrajectoryFit, signals: Signals) -> Traj
 def runs_in_time(
     robot: Robot, signals: Signals, runs: Sequence[Run], start: Array,
     declared: tuple[Sequence[Effect], Sequence[float]],
-) -> tuple[list[Run], TrajectoryFit | None]:  # fmt: skip
+) -> tuple[list[Run], TrajectoryFit | None, FirstFit | None]:  # fmt: skip
     """Return stretches with loops that hold their torque, or a simulator's steps, where a fit is clearly nearer so.
 
-    With the fit, which knows what is in doubt; None where the simulated motion runs away.
+    With the fit, which knows what is in doubt, and the one without either; None where the simulated motion runs away.
 
     Parameters
     ----------
@@ -253,10 +253,11 @@ def runs_in_time(
         Drive parameters to start from, (n, 4), and effects that the robot declares, with their amplitudes.
     """
     try:
-        fit = with_drives_in_time(fit_trajectory(robot, runs, start, *declared), signals)
+        first = first_fit(robot, runs, start, declared, signals.first)
+        fit = with_drives_in_time(first.fit, signals)
     except DataError:
-        return list(runs), None
-    return like_these(runs, fit), fit
+        return list(runs), None, None
+    return like_these(runs, fit), fit, first
 
 
 def like_these(runs: Sequence[Run], fit: TrajectoryFit) -> list[Run]:
