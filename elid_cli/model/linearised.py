@@ -92,6 +92,9 @@ class Linearised:
         self._program = dynamics.inverse_program
         self.robot = robot
         self.coordinates = coordinates_of(robot)
+        own = self.coordinates.motors
+        # those of rigid joints are the joints' own: a slice is a view, numbers copy
+        self._motors = slice(0, robot.n) if np.array_equal(own, np.arange(robot.n)) else own
         self._chain = chains_of(robot)
         self._rates = {INPUTS * joint + slot for joint in range(robot.n) for slot in RATES}
 
@@ -137,7 +140,7 @@ class Linearised:
         return Local(mass, force.reshape(x.shape), slope, swerve, x, v, dt is not None, finer)
 
     def _motion(self, x: Array, v: Array, a: Array) -> Motion:
-        n, own = self.robot.n, self.coordinates.motors
+        n, own = self.robot.n, self._motors
         return Motion(np.zeros(len(x)), x[:, :n], v[:, :n], a[:, :n], x[:, own], v[:, own], a[:, own])
 
     def _inputs(self, x: Array, v: Array, a: Array) -> Array:
@@ -173,7 +176,7 @@ class Linearised:
 
     def _torques(self, inputs: Array) -> Array:
         """Return the torque on every coordinate, (N, m)."""
-        n, own = self.robot.n, self.coordinates.motors
+        n, own = self.robot.n, self._motors
         out = np.empty((2 * n, inputs.shape[1]))
         self._program.run(inputs, out)
         found = np.zeros((inputs.shape[1], self.coordinates.count))

@@ -106,22 +106,21 @@ def variants_of(
     """
     dt /= local.finer
     instants, stretches, count = local.force.shape
-    variants = joints.coulomb.shape[0]
-    positions = np.empty((instants, variants, stretches, count))
-    velocities = np.empty_like(positions)
+    variants, positions, velocities = joints.coulomb.shape[0], *np.empty((2, 0))
+    shape = (instants, variants, stretches, count)
     for taken, owner in equations.chains:
-        moved = Local(
-            local.mass[:, :, taken[:, :, None], taken[:, None]],
-            local.force[:, :, taken],
-            local.slope[:, :, taken[:, :, None], taken[:, None]],
-            local.swerve[:, :, taken[:, :, None], taken[:, None]],
-            local.place[:, :, taken],
-            local.speed[:, :, taken],
-        )
+        whole = taken.size == count and bool(np.array_equal(taken.ravel(), np.arange(count)))
+        mass, slope, swerve = (_square(part, taken, whole=whole) for part in (local.mass, local.slope, local.swerve))
+        force, place, speed = (_along(part, taken, whole=whole) for part in (local.force, local.place, local.speed))
+        moved = Local(mass, force, slope, swerve, place, speed)
         x, v = advance(
-            moved, (start[0][:, taken], start[1][:, taken]), _on(drives, owner, local.finer),
+            moved, (start[0][:, taken], start[1][:, taken]), _on(drives, owner, local.finer, whole=whole),
             _of(joints, owner, taken), dt,
         )  # fmt: skip
+        if whole:
+            return x.reshape(shape), v.reshape(shape)
+        if not len(positions):
+            positions, velocities = np.empty((2, *shape))
         positions[..., taken.ravel()] = x.reshape(*x.shape[:3], -1)
         velocities[..., taken.ravel()] = v.reshape(*v.shape[:3], -1)
     return positions, velocities
@@ -143,15 +142,34 @@ def between(x: Array, v: Array, dt: float, finer: int) -> tuple[Array, Array]:
     return positions, velocities
 
 
-def _on(drives: Drives, owner: NDArray[np.intp], finer: int) -> Drives:
-    """Return what acts on the coordinates of chains; nothing on links behind a spring."""
+def _along(values: Array, taken: NDArray[np.intp], *, whole: bool) -> Array:
+    """Return values (…, m) of the coordinates of chains, (…, L, s); of the `whole` in its order, the same memory."""
+    if whole:
+        return values.reshape(*values.shape[:-1], *taken.shape)
+    return np.asarray(values[..., taken])
+
+
+def _square(values: Array, taken: NDArray[np.intp], *, whole: bool) -> Array:
+    """Return matrices (N, S, m, m) of the coordinates of chains, (N, S, L, s, s): as `_along`."""
+    if whole and len(taken) == 1:
+        return values[:, :, None]
+    if whole and taken.shape[1] == 1:
+        return np.diagonal(values, axis1=2, axis2=3)[..., None, None]
+    return np.asarray(values[:, :, taken[:, :, None], taken[:, None]])
+
+
+def _on(drives: Drives, owner: NDArray[np.intp], finer: int, *, whole: bool) -> Drives:
+    """Return what acts on the coordinates of chains; nothing on links behind a spring. `whole`: all, in order."""
     held = owner >= 0
-    none = np.zeros_like(drives.kp)
-    parts = (
-        none if part is None else part for part in (drives.ki, drives.smoothing, drives.held, drives.lag, drives.since)
-    )
-    told, kp, kd, ki, smoothing, holding, lag, since = (
-        np.where(held, values[..., owner], 0.0) for values in (drives.told, drives.kp, drives.kd, *parts)
+    every = bool(held.all())
+
+    def of_motors(values: Array) -> Array:
+        return _along(values, owner, whole=whole) if every else np.asarray(np.where(held, values[..., owner], 0.0))
+
+    told, kp, kd = (of_motors(values) for values in (drives.told, drives.kp, drives.kd))
+    ki, smoothing, holding, lag, since = (
+        np.zeros_like(kp) if part is None else of_motors(part)
+        for part in (drives.ki, drives.smoothing, drives.held, drives.lag, drives.since)
     )
     return Drives(
         told,
@@ -174,8 +192,11 @@ def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joi
     def over_time(values: Array | None) -> Array:
         return np.zeros((1, 1, 1, *owner.shape)) if values is None else values[..., taken]
 
+    every = bool(held.all())
+
     def of_motors(values: Array) -> Array:
-        return np.asarray(np.where(held, values[:, owner], 0.0)[:, None])
+        found = values[:, owner]
+        return np.asarray((found if every else np.where(held, found, 0.0))[:, None])
 
     own = map(of_motors, (joints.inertia, joints.coulomb, joints.viscous, joints.offset))
     inertia, coulomb, viscous, offset = own

@@ -23,9 +23,10 @@ def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joi
     if take is plain_steps and np.prod(shape[:-1]) > FEW:
         return advance_arrays(part, start, drives, joints, dt)
     x, v = np.empty((2, len(part.force), *shape))
-    flat = [np.broadcast_to(values, shape) for values in (
+    flat = [values if values.shape == shape else np.broadcast_to(values, shape) for values in (
         joints.inertia, joints.coulomb, joints.viscous, joints.offset, drives.limit, *_fading(joints))]  # fmt: skip
-    flat += [np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints)]
+    over_time = [(values, (len(values), *shape)) for values in _over_time(joints)]
+    flat += [values if values.shape == whole else np.broadcast_to(values, whole) for values, whole in over_time]
     ki = np.zeros_like(drives.kp) if drives.ki is None else drives.ki
     weights = _weights(drives, dt / (len(drives.told) // max(len(part.force) - 1, 1)))
     holds, lag, since = (

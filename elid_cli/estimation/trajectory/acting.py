@@ -142,7 +142,8 @@ def scene_along(robot: Robot, x: Array, v: Array, local: Local, dt: float, param
     motion = Motion(t, x[:, :n], v[:, :n], a[:, :n], x[:, motors], v[:, motors],
                     a[:, motors])  # fmt: skip
     load, stiffness = need[:, :n], np.full(n, np.nan)
-    for name, value in zip(robot.parameter_names(), known.tolist(), strict=True):
+    elastic = any(joint.elastic for joint in robot.joints)
+    for name, value in zip(robot.parameter_names(), known.tolist(), strict=True) if elastic else ():
         if name.kind == "K" and robot.joints[name.joint].elastic:
             stiffness[name.joint] = value
             load[:, name.joint] = value * (motion.theta[:, name.joint] - motion.q[:, name.joint])

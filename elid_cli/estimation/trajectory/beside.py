@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
-from elid_cli.estimation.trajectory.block_sums import BLOCKS, DAMPING, SHORT
+from elid_cli.estimation.trajectory.block_sums import BLOCKS, DAMPING, SHORT, of_parts, parts_of
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.loss import Weighed, bent, weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
@@ -77,13 +76,17 @@ class Beside:
                 light = (part.light / size)[:, joints]
                 both = np.concatenate([of_own, of_further], axis=2)[:, joints][:, :, here] * light[:, :, None]
                 force = part.error[:, joints] * light
-                for a, b in pairwise(np.linspace(0, len(force), BLOCKS * SHORT + 1).astype(int)):
-                    bending = (both[a:b] * bend[joints, None]).reshape(-1, len(here))
-                    plain = both[a:b].reshape(-1, len(here))
-                    matrix[place][np.ix_(here, here)] += bending.T @ bending
-                    straight[np.ix_(here, here)] += plain.T @ plain
-                    load[place, here] += plain.T @ force[a:b].ravel()
-                    place += 1
+                whole = np.ix_(here, here)
+                products = np.empty((BLOCKS * SHORT + 1, len(here), len(here)))
+                products[0] = straight[whole]
+                for numbers, rows in parts_of(np.linspace(0, len(force), BLOCKS * SHORT + 1).astype(int)):
+                    plain, bending = of_parts(both, rows), of_parts(both * bend[joints, None], rows)
+                    places, turned = place + numbers[:, None], plain.transpose(0, 2, 1)
+                    matrix[places[..., None], here[:, None], here] += np.matmul(bending.transpose(0, 2, 1), bending)
+                    load[places, here] += np.matmul(turned, force[rows].reshape(len(numbers), -1, 1))[..., 0]
+                    products[1 + numbers] = np.matmul(turned, plain)
+                straight[whole] = products.sum(axis=0)
+                place += BLOCKS * SHORT
         shown = np.setdiff1d(np.arange(own.count), own.delays.start + np.flatnonzero(fit.delays == 0))
         shown = np.setdiff1d(shown, np.arange(own.count)[held])
         used = np.append(shown, further)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -83,6 +84,26 @@ class Equations:
         )  # fmt: skip
 
 
+def parts_of(edges: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield parts of a stretch between edges (P + 1,) that are of one length L: their numbers, (p,), and rows, (p, L).
+
+    Sums over all of them are made by few calls.
+    """
+    lengths = np.diff(edges)
+    for length in np.unique(lengths):
+        numbers = np.flatnonzero(lengths == length)
+        yield numbers, edges[numbers, None] + np.arange(length)
+
+
+def of_parts(values: Array, rows: NDArray[np.intp]) -> Array:
+    """Return values (N, J, c) of parts of one length by their rows (p, L), (p, L·J, c).
+
+    Of one joint samples stay side by side in memory, as they are in the columns: products round as theirs do.
+    """
+    taken = np.take(values.transpose(1, 2, 0), rows, axis=2)
+    return taken.transpose(2, 3, 0, 1).reshape(len(rows), -1, values.shape[2])
+
+
 def summed(
     run: Run, seen: Weighed, columns: Array, weights: Array, bend: Array, unknowns: Unknowns, *, whole: bool
 ) -> Equations:
@@ -103,10 +124,10 @@ def summed(
         light = columns[:, joints[:, None], own] * scale[:, joints, None]
         bending = light * bend[joints, None]
         force = seen.error[:, joints] * scale[:, joints]
-        for k, (a, b) in enumerate(pairwise(at.tolist())):
-            bent = bending[a:b].reshape(-1, len(own))
-            np.matmul(light[a:b].reshape(-1, len(own)).T, force[a:b].ravel(), out=pulls[k])
-            np.matmul(bent.T, bent, out=products[k])
+        for numbers, rows in parts_of(at):
+            plain, bent = (of_parts(part, rows) for part in (light, bending))
+            pulls[numbers] = np.matmul(plain.transpose(0, 2, 1), force[rows].reshape(len(numbers), -1, 1))[..., 0]
+            products[numbers] = np.matmul(bent.transpose(0, 2, 1), bent)
         loads[:, own] += pulls
         matrices[:, own[:, None], own] += products
         for k, (a, b) in enumerate(pairwise(edges.tolist()) if whole else ()):

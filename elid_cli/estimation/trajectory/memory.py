@@ -24,6 +24,13 @@ def has_memory(found: Equations) -> bool:
     return any(len(load) > 0 and excess(matrix, load, found.spread) > SHOWN for matrix, load in parts)
 
 
+def _side_by_side(root: Array, parts: Array) -> Array:
+    """Return the solutions X of root X = part, (B, U, U), of a root (U, U) and parts (B, U, U)."""
+    count, size, _ = parts.shape
+    solved = np.asarray(np.linalg.solve(root, parts.transpose(1, 0, 2).reshape(size, -1)), dtype=np.float64)
+    return np.moveaxis(solved.reshape(size, count, size), 1, 0)
+
+
 def without_memory(found: Equations) -> Array:
     """Return the covariance of unknowns that an error without memory would leave, (U, U); 0 of what is not shown."""
     whole = found.matrix.sum(axis=0)
@@ -52,7 +59,8 @@ def excess(matrix: Array, load: Array, spread: float) -> float:
     matrix = matrix / np.outer(scale, scale)
     root = np.linalg.cholesky(matrix.sum(axis=0) + DAMPING * np.eye(len(scale)))
     sums = np.linalg.solve(root, (load / scale).T)
-    half = np.linalg.solve(root, matrix)
-    share = np.linalg.solve(root, half.transpose(0, 2, 1))
+    # of all parts side by side: the root is divided up once
+    half = _side_by_side(root, matrix)
+    share = _side_by_side(root, half.transpose(0, 2, 1))
     once, twice = float(np.trace(share, axis1=1, axis2=2).sum()), float(np.sum(share**2))
     return (float(np.sum(sums**2)) / spread - (once - twice)) / float(np.sqrt(2.0 * twice))
