@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -120,24 +120,36 @@ class Linearised:
         flat, speed = x.reshape(-1, count), v.reshape(-1, count)
         still, none = np.zeros_like(flat), np.zeros_like(flat)
         gained = none if dt is None else np.gradient(v, dt, axis=0).reshape(-1, count)
-        resting = self._inputs(flat, still, none)
-        moving = self._again(resting, flat, speed, none)
-        whole = self._again(moving, flat, speed, gained)
-        force, rest, needed = (self._torques(inputs) for inputs in (moving, resting, whole))
-        mass, slope, swerve = np.empty((3, *flat.shape, count))
-        for moved in side_by_side(self._chain):
-            unit = np.zeros_like(flat)
+        groups = side_by_side(self._chain)
+        units = np.zeros((len(groups), *flat.shape))
+        for unit, moved in zip(units, groups, strict=True):
             unit[:, moved] = 1.0
-            pulled = self._beside(resting, moved, flat, still, unit, self._rates) - rest
-            bent = (self._beside(whole, moved, flat + SLIGHT * unit, speed, gained) - needed) / SLIGHT
-            swerved = (self._beside(moving, moved, flat, speed + SLIGHT * unit, none, self._rates) - force) / SLIGHT
-            for k in moved:
-                own = self._chain == self._chain[k]
-                mass[:, :, k], slope[:, :, k] = np.where(own, pulled, 0.0), np.where(own, bent, 0.0)
-                swerve[:, :, k] = np.where(own, swerved, 0.0)
+        mass, slope, swerve = np.zeros((3, *flat.shape, count))
+        # one array of inputs, at rest first, then moving, then accelerated: none is copied
+        inputs = self._inputs(flat, still, none)
+        rest = self._torques(inputs)
+        for unit, moved in zip(units, groups, strict=True):
+            self._note(mass, moved, self._beside(inputs, moved, flat, still, unit, RATES) - rest)
+        self._again(inputs, flat, speed, none)
+        force = self._torques(inputs)
+        for unit, moved in zip(units, groups, strict=True):
+            swerved = self._beside(inputs, moved, flat, speed + SLIGHT * unit, none, RATES) - force
+            self._note(swerve, moved, swerved / SLIGHT)
+        self._again(inputs, flat, speed, gained)
+        needed = self._torques(inputs)
+        for unit, moved in zip(units, groups, strict=True):
+            bent = self._beside(inputs, moved, flat + SLIGHT * unit, speed, gained, range(INPUTS)) - needed
+            self._note(slope, moved, bent / SLIGHT)
         square = (*x.shape, count)
         mass, slope, swerve = (part.reshape(square) for part in (mass, slope, swerve))
         return Local(mass, force.reshape(x.shape), slope, swerve, x, v, dt is not None, finer)
+
+    def _note(self, found: Array, moved: Sequence[int], columns: Array) -> None:
+        """Write what coordinates move in their chains, (N, m), as columns of matrices, (N, m, m)."""
+        for k in moved:
+            own = np.flatnonzero(self._chain == self._chain[k])
+            alike = slice(own[0], own[-1] + 1) if own[-1] + 1 - own[0] == len(own) else own
+            found[:, alike, k] = columns[:, alike]
 
     def _motion(self, x: Array, v: Array, a: Array) -> Motion:
         n, own = self.robot.n, self._motors
@@ -149,26 +161,23 @@ class Linearised:
         inputs[DIRECTION::INPUTS] = 0.0
         return inputs
 
-    def _again(self, inputs: Array, x: Array, v: Array, a: Array) -> Array:
-        """Return the inputs of a motion at the same positions as the one that inputs are of."""
-        motion, found = self._motion(x, v, a), inputs.copy()
+    def _again(self, inputs: Array, x: Array, v: Array, a: Array) -> None:
+        """Make inputs those of a motion at the same positions as the one that they are of."""
+        motion = self._motion(x, v, a)
         for joint in range(self.robot.n):
-            fill_inputs(found, motion, joint, self._rates)
-        return found
+            fill_inputs(inputs, motion, joint, self._rates)
 
-    def _beside(
-        self, inputs: Array, moved: Sequence[int], x: Array, v: Array, a: Array, used: Container[int] | None = None
-    ) -> Array:
+    def _beside(self, inputs: Array, moved: Sequence[int], x: Array, v: Array, a: Array, slots: Sequence[int]) -> Array:
         """Return the torques of a motion that differs at some coordinates from the one that the inputs are of.
 
-        `used`: the inputs that may differ; None: all.
+        `slots`: numbers of a joint's inputs that may differ.
         """
         motion = self._motion(x, v, a)
         joints = [k for k, own in enumerate(self.coordinates.motors.tolist()) if k in moved or own in moved]
-        rows = [INPUTS * joint + row for joint in joints for row in range(INPUTS)]
+        rows = [INPUTS * joint + slot for joint in joints for slot in slots]
         before = inputs[rows]
         for joint in joints:
-            fill_inputs(inputs, motion, joint, range(len(inputs)) if used is None else used)
+            fill_inputs(inputs, motion, joint, rows)
         inputs[DIRECTION::INPUTS] = 0.0
         found = self._torques(inputs)
         inputs[rows] = before
@@ -179,7 +188,10 @@ class Linearised:
         n, own = self.robot.n, self._motors
         out = np.empty((2 * n, inputs.shape[1]))
         self._program.run(inputs, out)
-        found = np.zeros((inputs.shape[1], self.coordinates.count))
+        shape = inputs.shape[1], self.coordinates.count
+        if isinstance(own, slice):
+            return np.asarray(np.add(out[:n].T, out[n:].T, out=np.empty(shape)))
+        found = np.zeros(shape)
         found[:, :n] = out[:n].T
         found[:, own] += out[n:].T
         return found

@@ -134,6 +134,7 @@ def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, p
     if item.run.drives.stepped is not None:
         item.finer = 0.0
         return
+    item.equations(equations)  # which both simulations, and the next one, are by
     moved = [
         _stepped(equations, replace(item), as_late(item, unknowns, z, finer), unknowns, z, parameters, ())[0]
         for finer in (1, FINER)
