@@ -19,7 +19,8 @@ from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
+from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.pushes import columns_of_pushes
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.base_parameters import leftmost
 from elid_cli.model.effects import effect_that

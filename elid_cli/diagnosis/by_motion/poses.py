@@ -17,7 +17,8 @@ from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.changes import SURE, Change, Changed, changed, changed_joints
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
+from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.pushes import columns_of_pushes
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.body_torques import gravity_torques, inertial_torques
 from elid_cli.model.effects import effect_that

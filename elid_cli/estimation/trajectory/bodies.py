@@ -19,7 +19,8 @@ from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit
 from elid_cli.estimation.trajectory.loss import weighed
-from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
+from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.pushes import columns_of_pushes
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.regressor import Regressor

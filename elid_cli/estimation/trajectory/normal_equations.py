@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, sce
 from elid_cli.estimation.trajectory.block_sums import Equations, summed
 from elid_cli.estimation.trajectory.loss import bent, size_of, usual_size, weighed
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, steps_of
-from elid_cli.model.drives import Drives, Fading, Joints
+from elid_cli.model.drives import Drives, Joints
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.linearised import Linearised, Local
 from elid_cli.model.rollout import between, variants_of
@@ -34,6 +35,8 @@ COARSEST = 5e-3
 """rad (m); a change by shorter steps that is larger is no small correction: the motion runs away."""
 SMALLEST = 1e-7
 """rad (m); errors are not taken to be smaller."""
+Stepped = tuple[Array, Array, Array, NDArray[np.intp]]
+"""What `stepped` returns."""
 NEAR = 1e-4
 """rad (m); the equations are linearised again where the motion is farther, rms, from where they were."""
 
@@ -56,6 +59,8 @@ class Tracked:
     """The present motion at every instant of the equations; None: at the samples alone."""
     latest: tuple[Run, float, Run] | None = None
     """The run and the delay that `as_late` was last asked for, and what it is."""
+    coming: Coming | None = None
+    """A simulation that has been made from the present motion already."""
 
     @classmethod
     def of(cls, run: Run) -> Tracked:
@@ -89,6 +94,18 @@ class Tracked:
 
 
 @dataclass(frozen=True)
+class Coming:
+    """What a simulation of a run with unknowns z (U,), from a motion x (N, m), comes to: it need not be repeated."""
+
+    run: Run
+    x: Array
+    z: Array
+    item: Tracked
+    """The stretch about the motion that came out."""
+    found: Stepped
+
+
+@dataclass(frozen=True)
 class Moved:
     """A stretch simulated with unknowns and their variants."""
 
@@ -107,12 +124,12 @@ def simulated(
     for _ in range(rounds):
         # effects act along a motion, which they move; equations are those about a motion near the one that comes out
         before = item.x
-        x, v, steps, still = _stepped(equations, item, run, unknowns, z, parameters, ())
+        x, v, steps, still = _first_or_next(equations, item, run, unknowns, z, parameters)
         if item.is_near and (not unknowns.pushing or np.sqrt(np.mean((item.x - before) ** 2)) < AGREED):
             break
     groups = () if plain else unknowns.together
     if groups:
-        x, v, steps, still = _stepped(equations, item, run, unknowns, z, parameters, groups)
+        x, v, steps, still = stepped(equations, item, run, unknowns, z, parameters, groups)
     error = np.where(np.isnan(run.measured), 0.0, x[:, 0, :n] + item.finer - run.measured)
     columns = np.zeros((len(error), n, 0 if plain else unknowns.count))
     for number, group in enumerate(groups, start=1):
@@ -125,6 +142,18 @@ def simulated(
     return Moved(error, columns)
 
 
+def _first_or_next(
+    equations: Linearised, item: Tracked, run: Run, unknowns: Unknowns, z: Array, parameters: Array
+) -> Stepped:
+    """Simulate a stretch once without variants, as `stepped`, unless that has been done."""
+    coming, item.coming = item.coming, None
+    if coming is None or coming.run is not run or coming.x is not item.x or coming.z is not z:
+        return stepped(equations, item, run, unknowns, z, parameters, ())
+    item.x, item.v, item.path = coming.item.x, coming.item.v, coming.item.path
+    item.local, item.measured = coming.item.local, coming.item.measured
+    return coming.found
+
+
 def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array) -> None:
     """Note what shorter steps change of a stretch's motion: steps of 1 ms act as a delay of some hundredths of one.
 
@@ -135,11 +164,11 @@ def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, p
         item.finer = 0.0
         return
     item.equations(equations)  # which both simulations, and the next one, are by
-    moved = [
-        _stepped(equations, replace(item), as_late(item, unknowns, z, finer), unknowns, z, parameters, ())[0]
-        for finer in (1, FINER)
-    ]
-    change = (1.0 + LEFT) * (moved[1] - moved[0])
+    plain, shorter, run = replace(item), replace(item), as_late(item, unknowns, z)
+    found = stepped(equations, plain, run, unknowns, z, parameters, ())
+    other = stepped(equations, shorter, as_late(item, unknowns, z, FINER), unknowns, z, parameters, ())
+    item.coming = Coming(run, item.x, z, plain, found)
+    change = (1.0 + LEFT) * (other[0] - found[0])
     item.finer = np.where(np.abs(change) < COARSEST, change, 0.0)[:, 0, : unknowns.robot.n]
 
 
@@ -154,14 +183,14 @@ def as_late(item: Tracked, unknowns: Unknowns, z: Array, finer: int = 1) -> Run:
     return found
 
 
-def _stepped(
+def stepped(
     equations: Linearised, item: Tracked, run: Run, unknowns: Unknowns, z: Array, parameters: Array,
-    groups: tuple[NDArray[np.intp], ...], pushes: Array | None = None,
-) -> tuple[Array, Array, Array, NDArray[np.intp]]:  # fmt: skip
+    groups: tuple[NDArray[np.intp], ...], variants: Callable[[Joints], Joints] | None = None,
+) -> Stepped:  # fmt: skip
     """Simulate a stretch once: positions and velocities (N, V, m), steps of the variants, amplitudes that are constant.
 
-    A constant torque is the offset's: an amplitude that adds nothing else stays where it is. With `pushes` the variants
-    are those of `columns_of_pushes`.
+    A constant torque is the offset's: an amplitude that adds nothing else stays where it is. `variants` makes others
+    of the one of the unknowns.
     """
     local = item.equations(equations)
     done = _acting(unknowns, item, local, z, parameters)
@@ -173,7 +202,7 @@ def _stepped(
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
     steps = steps_of(unknowns, z, strength) if groups else np.zeros(0)
     joints = _variants(unknowns, z, steps, groups, done)
-    joints = joints if pushes is None else _beside(joints, pushes, local.finer)
+    joints = joints if variants is None else variants(joints)
     if groups and joints.push is not None:
         _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)
     if joints.push is not None:
@@ -208,35 +237,6 @@ def _late_feedback(columns: Array, drives: Drives, unknowns: Unknowns) -> Array 
     less[:, 0], less[:, 2] = (-np.where(drives.held > 0, gain, 0.0) for gain in (drives.kd, drives.kp))
     found: Array = columns[:, :, : unknowns.drives] @ less.ravel()
     return found
-
-
-def columns_of_pushes(
-    equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, pushes: Array
-) -> Array:
-    """Return by how much further torques move the simulated positions of a stretch, rad (m), (N, n, D).
-
-    `pushes` are D torques on every coordinate, on the model's side, N·m (N), (D, N, m).
-    """
-    run, n = as_late(item, unknowns, z), unknowns.robot.n
-    x = _stepped(equations, replace(item), run, unknowns, z, parameters, (), pushes)[0]
-    found: Array = np.moveaxis(x[:, 1:, :n] - x[:, :1, :n], 1, 2)
-    return found
-
-
-def _beside(joints: Joints, pushes: Array, finer: int) -> Joints:
-    """Return the one variant of joints, and D more that differ by further torques on every coordinate, (D, N, m)."""
-    count, shape = len(pushes) + 1, (finer * (pushes.shape[1] - 1), 1, 1, pushes.shape[2])
-    plain = np.zeros(shape) if joints.push is None else joints.push
-    push = np.repeat(plain, count, axis=1)
-    push[:, 1:, 0] += np.repeat(np.moveaxis(0.5 * (pushes[:, 1:] + pushes[:, :-1]), 0, 1), finer, axis=0)
-    grip = np.repeat(np.zeros(shape) if joints.grip is None else joints.grip, count, axis=1)
-    fading = joints.fading
-    if fading is not None:
-        fading = Fading(*(np.repeat(part, count, axis=0) for part in (fading.friction, fading.width, fading.lead)))
-    inertia, coulomb, viscous, offset = (
-        np.repeat(part, count, axis=0) for part in (joints.inertia, joints.coulomb, joints.viscous, joints.offset)
-    )
-    return Joints(inertia, coulomb, viscous, offset, push, grip, fading=fading)
 
 
 def _moved_by(unknowns: Unknowns, number: int) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.block_sums import Equations
 from elid_cli.estimation.trajectory.loss import weighed
-from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
+from elid_cli.estimation.trajectory.normal_equations import Tracked, as_late, simulated
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import starting
@@ -39,6 +39,7 @@ def start_covariance(
     longest = max(len(joints) for joints in unknowns.chains)
     added = np.zeros_like(inverse)
     for item, slopes in zip(tracked, columns, strict=True):
+        known = as_late(item, unknowns, z)
         here = simulated(equations, replace(item), unknowns, z, parameters, plain=True).error
         light = (weighed(here, item.usual, item.counts).light / size) ** 2
         noise = (size, size * _slope_noise(item.run.dt))
@@ -47,7 +48,8 @@ def start_covariance(
             for kind, deviation in enumerate(noise):
                 start = [part.copy() for part in item.run.start]
                 start[kind][moved] += deviation[moved]
-                other = replace(item, run=replace(item.run, start=(start[0], start[1])))
+                run, late = (replace(part, start=(start[0], start[1])) for part in (item.run, known))
+                other = replace(item, run=run, latest=(run, float(z[unknowns.delays][run.source]), late))
                 change = simulated(equations, other, unknowns, z, parameters, plain=True).error - here
                 for joints in unknowns.chains:
                     pulled = np.einsum("nju,nj->u", slopes[:, joints], (light * change)[:, joints])

@@ -22,7 +22,8 @@ from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.bodies import _torques, body_columns, other_bodies
 from elid_cli.estimation.trajectory.decided import fit_with_columns, shows_delays
 from elid_cli.estimation.trajectory.identification import commanded_runs
-from elid_cli.estimation.trajectory.normal_equations import columns_of_pushes, simulated
+from elid_cli.estimation.trajectory.normal_equations import simulated
+from elid_cli.estimation.trajectory.pushes import columns_of_pushes
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.experiment.last_log import read_last
 from elid_cli.logs import robot_as_logged
