@@ -83,7 +83,7 @@ def searched(
     found = plain
     try:
         log = _Log(signals, runs, declared, only, progress)
-        found = with_gain_twins(_by_other_bodies(plain, _by_both(plain, log, off), log), first)
+        found = with_gain_twins(_by_other_bodies(plain, _by_both(plain, log, off), log), before)
         after = counting(aware(found.done.after, found.changes, found.scaled, found.robot), found.shifts)
         return replace(found, done=replace(found.done, before=before, after=after))
     except KeyboardInterrupt:
