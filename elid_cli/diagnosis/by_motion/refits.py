@@ -17,6 +17,8 @@ from elid_cli.estimation.trajectory.softening import is_worth, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
 
+STUCK = 0.999
+"""Times the squared error from which a fit with a further effect has not moved."""
 QUICK = 6
 """Most motions whose slopes are computed while effects come and go; the last fit is a whole one."""
 
@@ -25,7 +27,15 @@ def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float],
     """Return the fit with further effects, started from what is known."""
     own = fit.unknowns
     unknowns = Unknowns(own.robot, (*fit.effects, *effects), own.recordings, own.held)
-    return again(fit, unknowns, known_of(fit, unknowns, fit.z[own.amplitudes]), tell)
+    found = again(fit, unknowns, known_of(fit, unknowns, fit.z[own.amplitudes]), tell)
+    if found.equations.lighter.sum() < STUCK * fit.equations.lighter.sum():
+        return found
+    # no step from where drives of another robot came out led on: the recordings' own linear steps may be near
+    try:
+        other = again(fit, unknowns, unknowns.possible(np.median(found.alone, axis=0)), tell)
+    except DataError:
+        return found
+    return other if other.equations.lighter.sum() < STUCK * found.equations.lighter.sum() else found
 
 
 def known_of(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array:

@@ -1,0 +1,41 @@
+"""Fits of further effects: where no step leads on, they start again from what each recording says alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.diagnosis.by_motion import refits
+from elid_cli.estimation.trajectory.beginning import started_from
+from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.identification import commanded_runs
+from elid_cli.logs.reading import read_recording
+from elid_cli.model.effects import effect_classes
+from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion import plant
+
+STIFFNESS = 3.0
+
+
+def test_an_effect_beside_which_no_step_leads_on_is_fitted_from_the_recordings_own_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = plant.written(tmp_path, "log.h5", plant.moved(3, 5.0, push=lambda x, v, load: np.eye(3)[1] * STIFFNESS * x))
+    robot = plant.robot(tmp_path)
+    signals = prepare(read_recording([log], robot), robot)
+    assert signals.recording is not None
+    fit = fit_trajectory(robot, commanded_runs(signals.recording, robot), started_from(robot, signals))
+    again, starts = refits.again, list[np.ndarray]()
+
+    def stays(fit: TrajectoryFit, unknowns, z, tell=None, cycles=refits.QUICK) -> TrajectoryFit:  # type: ignore[no-untyped-def]
+        starts.append(z)
+        return again(fit, unknowns, z, tell, 1 if len(starts) == 1 else cycles)
+
+    monkeypatch.setattr(refits, "again", stays)
+    found = refits.grown(fit, [effect_classes()["link_spring"](1, ())])
+    assert len(starts) == 2
+    assert found.equations.lighter.sum() < 0.01 * fit.equations.lighter.sum()
+    assert found.z[found.unknowns.amplitudes_of(0)][0] == pytest.approx(STIFFNESS, rel=0.01)
