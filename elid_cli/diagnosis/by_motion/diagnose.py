@@ -11,7 +11,7 @@ import numpy as np
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.carried import may_carry
-from elid_cli.diagnosis.by_motion.each_alone import each_alone
+from elid_cli.diagnosis.by_motion.each_alone import beyond, each_alone
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
 from elid_cli.diagnosis.by_motion.other_forms import Forms, other_forms
 from elid_cli.diagnosis.by_motion.poses import effects_of
@@ -164,6 +164,7 @@ def diagnose_motion(
     ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(whole.scaled).tolist())}
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
+    alone = each_alone(robot, runs, signals, whole)
     views, positions = views_of(done.after), _positions(robot, done.before, done.after)
     return MotionDiagnosis(
         described, recording,
@@ -173,14 +174,15 @@ def diagnose_motion(
          *(r for r in whole.rivals if (r.effect, r.joint) not in {(e.effect, e.joint) for e in of_changes}),
          *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),
-        positions, changes, identified_robot(refined), done.tried, told, done.partial,
+        positions, (*changes, *beyond(changes, alone, whole)), identified_robot(refined),
+        done.tried, told, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         tuple(name for name in untried_of(effect_classes(), robot, only) if name not in {e.effect for e in of_changes}),
         _bodies_beside(whole.plain, positions, after.above_noise(told)),
         None if done.partial or only else with_free_bodies(
             robot, found, runs, signals, [done.after, *([whole.gains.fit] if whole.gains and robot.n > 1 else [])]
         ),
-        each_alone(robot, runs, signals, whole),
+        alone,
     )  # fmt: skip
 
 

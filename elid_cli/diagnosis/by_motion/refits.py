@@ -28,9 +28,11 @@ def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float],
     own = fit.unknowns
     unknowns = Unknowns(own.robot, (*fit.effects, *effects), own.recordings, own.held)
     found = again(fit, unknowns, known_of(fit, unknowns, fit.z[own.amplitudes]), tell)
-    if found.equations.lighter.sum() < STUCK * fit.equations.lighter.sum():
+    least = own.joint_values(own.bounds[0])
+    none = any(fit.values[effect.joint, 0] <= least[effect.joint, 0] for effect in effects)
+    if not none or found.equations.lighter.sum() < STUCK * fit.equations.lighter.sum():
         return found
-    # no step from where drives of another robot came out led on: the recordings' own linear steps may be near
+    # no step led on from where a joint came out without inertia: the recordings' own linear steps may be near
     try:
         other = again(fit, unknowns, unknowns.possible(np.median(found.alone, axis=0)), tell)
     except DataError:

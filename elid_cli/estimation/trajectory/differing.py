@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +16,9 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 
 APART = 4.0
 """Standard errors of a difference of recordings beyond which they do not agree."""
-LARGE = 0.25
-"""Part of the largest value by which recordings must differ, at least, to be worth a word."""
+LARGE, OFFSET = 0.25, 0.1
+"""Part of the largest value by which recordings must differ, at least, to be worth a word; of offsets that of the
+joint's Coulomb friction."""
 PARTED = 0.9
 """Part of the scatter that one change between two recordings must explain."""
 UNITS = {"Ja": "kg·m²", "fs": "N·m", "fv": "N·m·s/rad", "offset": "N·m"}
@@ -50,15 +52,39 @@ def differing(fit: TrajectoryFit) -> tuple[Differing, ...]:
         labels += [("", f"{effect.name} {p.name}", robot.joint_names[effect.joint], p.unit) for p in effect.amplitudes]
     for number, (kind, name, joint, unit) in enumerate(labels):
         values, sd = fit.alone[:, number], errors[:, number]
-        low, high = int(np.argmin(values)), int(np.argmax(values))
-        gap = float(values[high] - values[low])
-        usual = float(np.abs(values).max()) if kind != "offset" else float(np.abs(fit.values[:, 1]).max())
-        if sd.min() <= 0 or gap < APART * float(np.hypot(sd[low], sd[high])) or gap < LARGE * usual:
-            continue
-        found.append(
-            Differing(name, joint, unit, tuple(map(float, values)), tuple(map(float, sd)), _change(values), not kind)
-        )
+        least = _least(kind, values, fit.values[number // len(KINDS), 1] if kind else 0.0)
+        if _are_apart(values, sd, least):
+            found.append(_told(name, joint, unit, values, sd, of_effect=not kind))
     return tuple(found)
+
+
+def differing_drives(fits: Sequence[TrajectoryFit]) -> tuple[Differing, ...]:
+    """Return the drive parameters that fits of one recording each do not agree on."""
+    robot, found = fits[0].unknowns.robot, []
+    values = np.array([fit.values for fit in fits])
+    errors = np.array([fit.unknowns.joint_values(fit.deviation) for fit in fits])
+    for joint, name in enumerate(robot.joint_names):
+        for k, kind in enumerate((*PARAMETERS, "offset")):
+            own, sd = values[:, joint, k], errors[:, joint, k]
+            if _are_apart(own, sd, _least(kind, own, float(values[:, joint, 1].max()))):
+                found.append(_told(kind, name, UNITS[kind], own, sd, of_effect=False))
+    return tuple(found)
+
+
+def _least(kind: str, values: Array, coulomb: float) -> float:
+    """Return by how much a value of recordings (R,) must differ to be worth a word."""
+    return OFFSET * abs(coulomb) if kind == "offset" else LARGE * float(np.abs(values).max())
+
+
+def _are_apart(values: Array, sd: Array, least: float) -> bool:
+    """Whether values (R,) are apart by more than their errors (R,), and by so much."""
+    low, high = int(np.argmin(values)), int(np.argmax(values))
+    gap = float(values[high] - values[low])
+    return bool(sd.min() > 0 and gap >= APART * float(np.hypot(sd[low], sd[high])) and gap >= least)
+
+
+def _told(name: str, joint: str, unit: str, values: Array, sd: Array, *, of_effect: bool) -> Differing:
+    return Differing(name, joint, unit, tuple(values.tolist()), tuple(sd.tolist()), _change(values), of_effect)
 
 
 def errors_alone(fit: TrajectoryFit) -> Array:

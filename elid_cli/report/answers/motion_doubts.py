@@ -62,7 +62,7 @@ def alike_words(found: MotionDiagnosis) -> str:
 
 def bodies_words(found: MotionDiagnosis) -> str:
     """Return that other bodies than the file's would bring the motion nearer, where they would."""
-    if not found.other_bodies or found.free_bodies is not None:
+    if not found.other_bodies or found.free_bodies is not None or found.alone:  # the bodies do each recording alone
         return ""
     most = share_text(max(found.other_bodies.values()))
     return (

@@ -277,6 +277,20 @@ def test_recordings_with_and_without_a_tool_are_said_not_to_agree(tmp_path: Path
     assert not same.alone
 
 
+def test_offsets_that_changed_between_recordings_are_told_and_no_bodies_are_blamed(tmp_path: Path) -> None:
+    arm, logs, held = plant.robot(tmp_path), [], np.array([0.12, -0.08, 0.05])
+    for number, own in enumerate((np.zeros(3), held)):
+        logs.append(str(tmp_path / f"log{number}.h5"))
+        write_recording(plant.moved(30 + number, 4.0, held=own), Path(logs[-1]))
+    found = diagnose_motion(arm, prepare(read_recording(logs, arm), arm), None, ("stribeck",))
+    offsets = {item.joint: item.values[1] - item.values[0] for item in found.differing if item.name == "offset"}
+    assert [offsets[name] for name in plant.NAMES] == pytest.approx(-held, abs=0.01)
+    assert {item.name for item in found.differing} == {"offset"}
+    sections = " ".join(str(motion_diagnosis_report(found, "arm.yaml").sections).split())
+    assert "The recordings do not agree" in sections
+    assert "Other bodies" not in sections
+
+
 def test_no_tool_is_told_where_there_is_none_and_a_wrong_mass_of_another_body_is_that_of_this_body(
     tmp_path: Path,
 ) -> None:
