@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -11,6 +13,7 @@ from elid_cli import identify, prepare, read_recording, read_robot
 from elid_cli.cli import main
 from elid_cli.diagnosis import FoundEffect, Rival
 from elid_cli.estimation.judgement import JointError
+from elid_cli.report.answers.drives import drives_needed, drives_words
 from elid_cli.report.answers.inputs import fullest
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, replaced, summary_words
@@ -46,6 +49,22 @@ def test_a_rival_at_another_joint_stands_beside_the_effect_that_it_could_replace
 def curve(joint: str, amplitude: float, exponent: float, error: float = 0.01, velocity: float = 0.1) -> FoundEffect:
     parameters = {"amplitude": amplitude, "velocity": velocity, "exponent": exponent}
     return FoundEffect("stribeck", joint, parameters, {"amplitude": error}, 0.9, "", 9.0)
+
+
+def drive(share: float, verdict: str) -> dict[str, object]:
+    return {"estimate": 2.0, "std_error": 2.0 * share, "verdict": verdict}
+
+
+def test_drives_that_a_far_off_motion_makes_doubtful_are_not_called_known_to_more_than_their_errors() -> None:
+    drives = {
+        "a": {"Ja": drive(0.5, "weak"), "fs": drive(0.01, "weak"), "fv": drive(0.01, "supported")},
+        "b": {"Ja": drive(0.01, "supported"), "fs": drive(0.02, "weak"), "fv": drive(0.02, "supported")},
+    }
+    found: Any = SimpleNamespace(drives=drives)
+    words = drives_words(found)
+    assert "Known roughly, not to 30 % or better, or to 0.3 % of the torque: motor inertia of a." in words
+    assert "May be biased, as the motion they are fitted to is far off: Coulomb friction of a and b." in words
+    assert [what for what, _ in drives_needed(found)] == ["for motor inertia of a"]
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def _share(item: Mapping[str, Any]) -> float:
 
 def drives_words(found: Identification) -> str:
     """Return how well the drives are known, in a few sentences."""
-    drives, names, rough = found.drives, in_words(list(WORDS.values())), _of_verdict(found, "weak")
+    drives, names, (rough, doubted) = found.drives, in_words(list(WORDS.values())), _weak(found)
     hidden = _of_verdict(found, "refused")
     still = sorted({joint for joints in hidden.values() for joint in joints}, key=list(drives).index)
     moving = len(drives) - len(still)
@@ -83,6 +83,8 @@ def drives_words(found: Identification) -> str:
         said.append(f"{upper(NOT_SHOWN)} by this log: {_kinds(hidden)}")
     if rough:
         said.append(f"Known roughly, not {RULE}: {_kinds(rough)}")
+    if doubted:
+        said.append(f"May be biased, as the motion they are fitted to is far off: {_kinds(doubted)}")
     sizes = []
     for kind in DRIVE:
         known = {joint: item[kind] for joint, item in drives.items() if item[kind]["verdict"] == "supported"}
@@ -90,7 +92,11 @@ def drives_words(found: Identification) -> str:
         if known:
             worst, share = max(((joint, _share(item)) for joint, item in known.items()), key=lambda pair: pair[1])
             sizes.append(f"{WORDS[kind]} {share_text(share)} ({worst})")
-    said += [f"Largest standard errors of the {'others' if rough else 'values'}: {', '.join(sizes)}"] if sizes else []
+    said += (
+        [f"Largest standard errors of the {'others' if rough or doubted else 'values'}: {', '.join(sizes)}"]
+        if sizes
+        else []
+    )
     return " ".join(f"{sentence}." for sentence in said)
 
 
@@ -104,9 +110,19 @@ def _of_verdict(found: Identification, verdict: str) -> dict[str, list[str]]:
     return rough
 
 
+def _weak(found: Identification) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """Return the joints of which a parameter is known roughly by its error, and by the motion alone, by parameter."""
+    weak = _of_verdict(found, "weak")
+    by_error = {kind: [joint for joint in joints if _share(found.drives[joint][kind]) > WEAK]
+                for kind, joints in weak.items()}  # fmt: skip
+    others = {kind: [joint for joint in joints if joint not in by_error[kind]] for kind, joints in weak.items()}
+    return ({kind: joints for kind, joints in by_error.items() if joints},
+            {kind: joints for kind, joints in others.items() if joints})  # fmt: skip
+
+
 def drives_needed(found: Identification) -> Sequence[tuple[str, Cell]]:
     """Return what the next log should hold for what is known roughly: for what, and what."""
-    needed = _of_verdict(found, "weak")
+    needed, _ = _weak(found)
     still = {joint: None for joints in _of_verdict(found, "refused").values() for joint in joints}
     said = {kind: joints[0] if len(joints) == 1 else "these joints" for kind, joints in needed.items()}
     moves: list[tuple[str, Cell]] = [(f"for all of {in_words(list(still), NAMED)}", "motion")] if still else []
