@@ -29,6 +29,7 @@ from elid_cli.diagnosis.by_motion.rivals import in_best_forms, with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
+from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.first_fits import FirstFit, first_fit
 from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit
 from elid_cli.estimation.trajectory.softening import gains_of
@@ -132,9 +133,8 @@ def search(
             if partial or not best or taken == ROUNDS or vain == IN_VAIN:
                 break
             waiting = best
-            tell = say.fitting(taken, len(named) + len(best))
             # nothing counts as found before it is judged: Ctrl-C may come at any time
-            fit, named = _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], known, tell)
+            fit, named = _with(best, fit, named, known, say.fitting(taken, len(named) + len(best)))
             kept = _pairs(best) & _pairs(named)
             # a wrong form leaves what looks like a second effect
             fit, named = in_best_forms(fit, named, kept, known)
@@ -155,6 +155,16 @@ def search(
     except KeyboardInterrupt:
         partial = True
     return Searched(before, fit, softer, tuple(named), left, tried, partial, tuple(waiting), limits)
+
+
+def _with(
+    best: list[Named], fit: TrajectoryFit, named: list[Named], known: int, tell: Callable[[float], None] | None
+) -> tuple[TrajectoryFit, list[Named]]:
+    """Return a fit and its effects with further ones, as far as they stay; as they are where the motion runs away."""
+    try:
+        return _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], known, tell)
+    except DataError:
+        return fit, named
 
 
 def _among_rivals(fit: TrajectoryFit, named: list[Named], known: int) -> tuple[TrajectoryFit, list[Named]]:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis.by_motion import refits
+from elid_cli.diagnosis.by_motion import search as search_module
+from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
@@ -18,6 +20,28 @@ from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion import plant
 
 STIFFNESS = 3.0
+
+
+def test_a_motion_that_runs_away_with_an_effect_ends_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    grip = lambda x, v, load: np.eye(3)[1] * 0.4 * np.exp(-np.abs(v) / 0.3)  # noqa: E731
+    log = plant.written(tmp_path, "log.h5", plant.moved(3, 5.0, grip=grip))
+    robot = plant.robot(tmp_path)
+    signals = prepare(read_recording([log], robot), robot)
+    assert signals.recording is not None
+    grown, tries = search_module.grown, list[int]()
+
+    def away(fit: TrajectoryFit, effects, tell=None) -> TrajectoryFit:  # type: ignore[no-untyped-def]
+        tries.append(len(effects))
+        if len(tries) == 1:
+            raise DataError("the simulated motion runs away from the measured one")
+        return grown(fit, effects, tell)
+
+    monkeypatch.setattr(search_module, "grown", away)
+    runs, start = commanded_runs(signals.recording, robot), started_from(robot, signals)
+    found = search_module.search(robot, runs, start, (), (), only=("stribeck", "quadratic_viscous"))
+    assert len(tries) > 1
+    assert not found.partial
+    assert found.after.equations.lighter.sum() < 1.01 * found.before.equations.lighter.sum()
 
 
 def test_an_effect_beside_which_no_step_leads_on_is_fitted_from_the_recordings_own_steps(
