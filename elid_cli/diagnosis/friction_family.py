@@ -35,6 +35,7 @@ from elid_cli.estimation.stretches import STRETCHES, spans, stretch_of
 from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.effects.effect import Effect, Member
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 from elid_cli.tables import Shown
@@ -211,8 +212,8 @@ def _judged(state: State, joint: int, name: str, *, agrees: bool = True) -> Memb
 def _coulomb_viscous(state: State, joint: int) -> dict[str, tuple[float, float]]:
     """Return Coulomb and viscous friction of a joint with standard errors, where the log shows them."""
     values, errors, known = state.base_values(state.log.base)
-    names = state.log.base.names
-    places = {kind: names.index(f"{kind}{joint + 1}") for kind in FRICTION if f"{kind}{joint + 1}" in names}
+    names, own = state.log.base.names, {kind: StandardParameter(kind, joint) for kind in FRICTION}
+    places = {kind: names.index(name) for kind, name in own.items() if name in names}
     return {kind: (float(values[k]), float(errors[k])) for kind, k in places.items() if known[k]}
 
 

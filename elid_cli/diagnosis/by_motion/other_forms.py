@@ -19,6 +19,7 @@ from elid_cli.estimation.regression.other_shapes import REACH
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import scene_of_fit
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
+from elid_cli.robot.parameter import StandardParameter
 
 MOVED = 2.0
 """Standard errors by which a form must move a parameter that is told of."""
@@ -93,9 +94,9 @@ def _values(fit: TrajectoryFit, place: int) -> Mapping[str, float]:
 def _moved(fit: TrajectoryFit, other: TrajectoryFit) -> tuple[tuple[str, float], ...]:
     """Return the drive parameters that another form moves clearly, the most first, with their values in it."""
     drives = fit.unknowns.drives
-    kinds = (*PARAMETERS, KINDS[-1])
-    names = [f"{kind}{joint + 1}" for joint in range(fit.unknowns.robot.n) for kind in kinds]
+    places = [(len(KINDS) * joint + k, StandardParameter(kind, joint))
+              for joint in range(fit.unknowns.robot.n) for k, kind in enumerate(PARAMETERS)]  # fmt: skip
     errors = np.sqrt(np.maximum(np.diag(fit.covariance)[:drives], 0.0))
     sizes = np.abs((other.z - fit.z)[:drives]) / np.maximum(errors, 1e-300)
-    order = [k for k in np.argsort(-sizes).tolist() if sizes[k] > MOVED and errors[k] > 0]
-    return tuple((names[k], float(other.z[k])) for k in order)
+    order = sorted(places, key=lambda pair: -sizes[pair[0]])
+    return tuple((str(name), float(other.z[k])) for k, name in order if sizes[k] > MOVED and errors[k] > 0)
