@@ -25,10 +25,10 @@ AGREED, AGREEING = 3e-4, 8
 """Change of the friction, as a part of it, below which its columns and the fit agree, and most rounds until they do."""
 RESHAPED = 3
 """Times that a shape is looked for again with the torques of the fit in it."""
+APART = 0.02
+"""Change of the friction, as a part of it, above which they have not agreed in the end: the member is not offered."""
 ALIKE = 6.0
 """Log-likelihood by which another form may explain a log worse and its values still count in the standard errors."""
-APART = 0.02
-"""The same, above which they have not agreed in the end: such a member is not offered."""
 
 
 def family() -> type[Effect]:
@@ -97,14 +97,14 @@ def in_forms(
 def polished(state: State, top: Mapping[int, float]) -> tuple[State, dict[int, Effect]]:
     """Return a model with the friction of every joint shaped beside that of all others, and what does about as well.
 
+    The latter are other forms, by the number of the effect, that explain the log nearly as well.
+
     Parameters
     ----------
     state
         The model with friction of members at some joints.
     top
-        Top speed of the joints, rad/s (m/s).
-
-    The latter are other forms, by the number of the effect, that explain the log nearly as well.
+        Top speed of the joints by their number, rad/s (m/s).
     """
     forms = {member.shape: member for member in family().members.values()}
     others = dict[int, Effect]()

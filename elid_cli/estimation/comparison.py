@@ -242,12 +242,16 @@ def compare(results: Sequence[Result]) -> Comparisons:
 
 
 def _changes_beside(first: SavedResult, other: SavedResult) -> Iterator[Change]:
-    """Yield what both results have beside their base parameters; an offset that does not show in one is 0 there."""
+    """Yield what both results have beside their base parameters; an offset that does not show in one is 0 there.
+
+    Unless its joint is none of that one's robot.
+    """
     library, every = effect_classes(), {**first.beside, **other.beside}
     for name, one in every.items():
         both = [result.beside.get(name) for result in (first, other)]
-        kind = library.get(name.split(" of ")[0].split(":")[0])
-        if kind is not None and kind.nuisance in OFFSETS:
+        effect, _, joint = name.rpartition(": ")[0].partition(" of ")
+        held = all(joint in result.joints for result in (first, other) if result.joints)
+        if held and effect in library and library[effect].nuisance in OFFSETS:
             both = [Estimate(0.0, one.std_error, one.unit) if e is None else e for e in both]
         if both[0] is not None and both[1] is not None:
             yield Change(name, one.unit, both[0], both[1])

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from elid_cli.estimation.comparison import Estimate, SavedResult, compare
+from elid_cli.estimation.comparison import Estimate, SavedResult, compare, result_of
 from elid_cli.report.answers.comparison import NOTABLE, WORSE, comparison_report
 from elid_cli.report.tree import Text
 
@@ -137,6 +137,11 @@ def test_an_offset_that_came_is_a_change_though_the_first_result_shows_none(elid
     (change,) = comparison["beside"]
     assert change["before"] == 0.0
     assert change["deviations"] == pytest.approx(1.0 / (0.02 * 2**0.5))
+    # a joint that the first one's robot does not have shows nothing in it
+    short = result_of(result() | {"joints": ["joint2"]}, "short")
+    longer = result_of(result() | {"joints": ["joint2", "joint1"], "nuisances": [offset]}, "longer")
+    (pair,) = compare([short, longer])
+    assert pair.beside == ()
     # a delay that one of them does not show says nothing
     late = {"effect": "torque_delay", "joint": "joint1", "parameters": {"delay": 0.01}, "std_error": {"delay": 1e-4}}
     (folder / "late.json").write_text(json.dumps(result() | {"nuisances": [late]}))
