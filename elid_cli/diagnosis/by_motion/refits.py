@@ -13,6 +13,7 @@ from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.decided import late_or_prompt, shows_delays
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.held_loops import refitted
+from elid_cli.estimation.trajectory.own_offsets import with_own_offsets
 from elid_cli.estimation.trajectory.softening import is_worth, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -26,7 +27,7 @@ QUICK = 6
 def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
     """Return the fit with further effects, started from what is known."""
     own = fit.unknowns
-    unknowns = Unknowns(own.robot, (*fit.effects, *effects), own.recordings, own.held)
+    unknowns = replace(own, effects=(*fit.effects, *effects))
     found = again(fit, unknowns, known_of(fit, unknowns, fit.z[own.amplitudes]), tell)
     least = own.joint_values(own.bounds[0])
     none = any(fit.values[effect.joint, 0] <= least[effect.joint, 0] for effect in effects)
@@ -44,6 +45,7 @@ def known_of(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array
     """Return what is known of other unknowns of a fit, (U,), with amplitudes of the first effects."""
     z = started(unknowns, fit.values, amplitudes.tolist())
     z[unknowns.delays] = fit.delays
+    z[unknowns.departures] = unknowns.departing(fit.unknowns.departures_of(fit.z))
     return z
 
 
@@ -70,7 +72,7 @@ def hardened(fit: TrajectoryFit, soft: Collection[int]) -> TrajectoryFit:
     if not places:
         return fit
     kept = [k for k in range(len(own.effects)) if k not in places]
-    unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
+    unknowns = replace(own, effects=tuple(fit.effects[k] for k in kept))
     tracked = [replace(item) for item in fit.tracked]
     try:
         hard, _ = late_or_prompt(unknowns, tracked, known_of(fit, unknowns, fit.z[own.amplitudes]), late=True)
@@ -79,11 +81,17 @@ def hardened(fit: TrajectoryFit, soft: Collection[int]) -> TrajectoryFit:
     return fit if any(is_worth(fit, hard, joint) for joint in soft) else hard
 
 
+def with_offsets_again(fit: TrajectoryFit) -> TrajectoryFit:
+    """Return the fit with offsets of every recording at those joints where these do not agree on one now."""
+    found, _ = with_own_offsets(fit, [], lambda unknowns, near, z: (again(near, unknowns, z), []))
+    return fit if found is fit else replace(found, held=fit.held)
+
+
 def in_place(fit: TrajectoryFit, others: Mapping[int, Effect]) -> TrajectoryFit | None:
     """Return the fit with other effects in the places of some; None where the motion runs away."""
     own = fit.unknowns
     effects = [others.get(k, effect) for k, effect in enumerate(fit.effects)]
-    unknowns = Unknowns(own.robot, tuple(effects), own.recordings, own.held)
+    unknowns = replace(own, effects=tuple(effects))
     parts = [
         np.zeros(len(effect.amplitudes)) if k in others else fit.z[own.amplitudes_of(k)]
         for k, effect in enumerate(effects)
@@ -99,7 +107,7 @@ def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] 
     """Return the fit without some of its effects, none of them declared."""
     own = fit.unknowns
     kept = [k for k in range(len(own.effects)) if k not in places]
-    unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
+    unknowns = replace(own, effects=tuple(fit.effects[k] for k in kept))
     left = np.concatenate([np.zeros(0), *(fit.z[own.amplitudes_of(k)] for k in kept if not fit.effects[k].softens)])
     return again(fit, unknowns, known_of(fit, unknowns, left), tell)
 

@@ -23,9 +23,20 @@ from elid_cli.diagnosis.by_motion.candidates import (
     tried_of,
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
+from elid_cli.diagnosis.by_motion.in_common import common_gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
-from elid_cli.diagnosis.by_motion.refits import again, grown, hardened, in_place, softened_again, with_delay, without
+from elid_cli.diagnosis.by_motion.refits import (
+    again,
+    grown,
+    hardened,
+    in_place,
+    softened_again,
+    with_delay,
+    with_offsets_again,
+    without,
+)  # fmt: skip
 from elid_cli.diagnosis.by_motion.rivals import in_best_forms, with_rivals
+from elid_cli.diagnosis.by_motion.search_progress import ROUNDS, Told
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
@@ -38,8 +49,6 @@ from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
-ROUNDS = 3
-"""Effects that one joint may lack."""
 IN_VAIN = 3
 """Further rounds of which nothing is kept: what screening prefers at a joint need not be what is missing there."""
 HELPED = 0.75
@@ -54,10 +63,6 @@ ALIKE = 0.9
 """Part of the best effect's gain from which another one does as well."""
 STUCK = 0.04
 """Part of a joint's squared error from which a friction that holds is tried."""
-SHARES = (0.15, 0.25)
-"""Parts of the whole work that the first fit and each round take, about; the rest is the report's."""
-SCREENED = 0.6
-"""Part of a round after which its effects are chosen, about; the rest fits the motion again."""
 LEAST = 0.15
 """Part of the squared error that an effect must take away, at least, whatever it says itself."""
 
@@ -110,8 +115,8 @@ def search(
         The first fit of the motion, where one was made before.
     """
     kinds = kinds_of(effect_classes(), only)
-    say = _Told(progress)
-    tell = say.within("fitting the motion", 0, SHARES[0])
+    say = Told(progress)
+    tell = say.first()
     fit = first_fit(robot, runs, start, (declared, amplitudes), first, tell).fit
     before, limits, partial, tried = fit.held or fit, tuple[TorqueLimit, ...](), False, 0
     try:
@@ -142,7 +147,7 @@ def search(
             dropped = _dropped(dropped, best, named)
             waiting = []
             if named:  # they may have hidden how friction turns
-                fit = softened_again(fit)
+                fit = with_offsets_again(softened_again(fit))
                 softer, known = softer | gains_of(fit), len(fit.effects) - len(named)
         if named:
             fit, named = _among_rivals(fit, named, known)
@@ -175,33 +180,6 @@ def _among_rivals(fit: TrajectoryFit, named: list[Named], known: int) -> tuple[T
         fit, named = in_best_forms(fit, named, _pairs(named), known)
     fit, named, swapped = with_rivals(fit, named, known)
     return _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known) if swapped else (fit, named)
-
-
-@dataclass(frozen=True)
-class _Told:
-    """What is said of the search while it runs: what it does, and how far the whole is."""
-
-    progress: Progress | None
-
-    def within(self, what: str, first: float, width: float) -> Callable[[float], None] | None:
-        """Return what is called with the finished part of a step that takes `width` of the whole."""
-        progress = self.progress
-        if progress is None:
-            return None
-        return lambda part: progress(f"searching, {what}", first + width * part)
-
-    def screening(self, number: int) -> Callable[[str, float], None] | None:
-        """Return what is called with what is tried and the finished part of a round's screening."""
-        progress, first = self.progress, SHARES[0] + SHARES[1] * number
-        if progress is None:
-            return None
-        head = f"searching, round {number + 1} of {ROUNDS} at most"
-        return lambda what, part: progress(f"{head}: {what}", first + SCREENED * SHARES[1] * part)
-
-    def fitting(self, number: int, effects: int) -> Callable[[float], None] | None:
-        """Return what is called with the finished part of the fits that end a round."""
-        what = f"round {number + 1} of {ROUNDS} at most: fitting again with {effects} effect{'s' * (effects > 1)}"
-        return self.within(what, SHARES[0] + SHARES[1] * (number + SCREENED), SHARES[1] * (1 - SCREENED))
 
 
 def _dropped(
@@ -327,6 +305,8 @@ def _clear_of_nothing(fit: TrajectoryFit, place: int) -> bool:
 
 def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:
     if not _possible(fit, place) or not _clear_of_nothing(fit, place):
+        return False
+    if len(fit.alone) > 1 and common_gain(fit, place) < LEAST:
         return False
     return item.gain >= max(LEAST, item.effect.least_gain) and item.helped >= HELPED
 

@@ -23,7 +23,6 @@ from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
-from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_gains
 from elid_cli.model.runs import Run
@@ -246,7 +245,7 @@ def _scaled(before: TrajectoryFit, after: TrajectoryFit, ratio: Array, near: Arr
         k for k, effect in enumerate(after.effects)
         if k < len(before.effects) or effect.softens or ratio[effect.joint] == 1.0
     ]  # fmt: skip
-    unknowns = Unknowns(own.robot, tuple(after.effects[k] for k in kept), own.recordings, own.held)
+    unknowns = replace(own, effects=tuple(after.effects[k] for k in kept))
     amplitudes = np.concatenate(
         [np.zeros(0), *(after.z[own.amplitudes_of(k)] for k in kept if not after.effects[k].softens)]
     )

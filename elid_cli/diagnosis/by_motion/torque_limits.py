@@ -35,7 +35,7 @@ from elid_cli.estimation.trajectory.block_sums import DAMPING
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS, Unknowns
+from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
@@ -247,7 +247,7 @@ def _moved_on(fit: TrajectoryFit, limits: Mapping[int, float], along: Array) -> 
     """
     own = fit.unknowns
     robot = with_limits(own.robot, limits)
-    unknowns = Unknowns(robot, fit.effects, own.recordings, own.held)
+    unknowns = replace(own, robot=robot, effects=fit.effects)
     try:
         found = again(replace(fit, tracked=tuple(_cut(fit, robot))), unknowns, fit.z + along)
     except DataError:

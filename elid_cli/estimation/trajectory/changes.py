@@ -15,7 +15,6 @@ from elid_cli.estimation.trajectory.beside import SETTLED, Beside
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import TUNED
 from elid_cli.model.runs import Run
@@ -325,7 +324,7 @@ def changed_joints(
 def _refitted(fit: TrajectoryFit, robot: Robot, runs: Sequence[Run], z: Array) -> TrajectoryFit | None:
     """Return the fit of another robot or drives, started from z (U,); None where the simulated motion runs away."""
     own = fit.unknowns
-    unknowns = Unknowns(robot, fit.effects, own.recordings, own.held)
+    unknowns = replace(own, robot=robot, effects=fit.effects)
     tracked = [replace(Tracked.of(run), usual=item.usual) for run, item in zip(runs, fit.tracked, strict=True)]
     try:
         return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), cycles=QUICK)

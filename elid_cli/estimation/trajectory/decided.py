@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from elid_cli.estimation.regression.normal_equations import jackknife
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted_with_columns
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.own_offsets import with_own_offsets
 from elid_cli.estimation.trajectory.softening import Refit, columns_of, softened
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns, started
 from elid_cli.model.coordinates import coordinates_of
@@ -101,17 +103,23 @@ def fit_with_columns(
             again = fit, columns
         fit, columns = again if _nearer(again[0], fit) else (fit, columns)
     fit, columns = _of_whole_periods(fit, columns) if late else (fit, columns)
+    fit, columns = with_own_offsets(fit, columns, partial(_fitted_again, late=late))
     if not soft:
         return fit, columns
 
     def refit(other: Unknowns, near: TrajectoryFit, begun: Array) -> TrajectoryFit:
-        tracked = [replace(item) for item in near.tracked]
-        return late_or_prompt(other, tracked, begun, late=late)[0]
+        return _fitted_again(other, near, begun, late=late)[0]
 
     softer = softened(fit, refit, columns)
     if _lost(softer, start):
         softer = _found_again(softer, fit, _plausible(fit, start), refit)
     return softer, columns if softer is fit else columns_of(softer)
+
+
+def _fitted_again(
+    unknowns: Unknowns, near: TrajectoryFit, z: Array, *, late: bool
+) -> tuple[TrajectoryFit, list[Array]]:
+    return late_or_prompt(unknowns, [replace(item) for item in near.tracked], z, late=late)
 
 
 def _of_whole_periods(fit: TrajectoryFit, columns: list[Array]) -> tuple[TrajectoryFit, list[Array]]:

@@ -19,6 +19,8 @@ APART = 4.0
 LARGE, OFFSET = 0.25, 0.1
 """Part of the largest value by which recordings must differ, at least, to be worth a word; of offsets that of the
 joint's Coulomb friction."""
+SLIGHT = 0.01
+"""The same of offsets that are each recording's own: less bends nothing else."""
 PARTED = 0.9
 """Part of the scatter that one change between two recordings must explain."""
 UNITS = {"Ja": "kg·m²", "fs": "N·m", "fv": "N·m·s/rad", "offset": "N·m"}
@@ -58,6 +60,18 @@ def differing(fit: TrajectoryFit) -> tuple[Differing, ...]:
     return tuple(found)
 
 
+def offsets_apart(fit: TrajectoryFit) -> tuple[int, ...]:
+    """Return the joints whose torque offsets recordings do not agree on, however little that is worth a word."""
+    places = range(KINDS.index("offset"), fit.unknowns.drives, len(KINDS))
+    if fit.unknowns.recordings < 2:
+        return ()
+    errors = errors_alone(fit)
+    return tuple(
+        joint for joint, k in enumerate(places)
+        if _are_apart(fit.alone[:, k], errors[:, k], SLIGHT * abs(float(fit.values[joint, 1])))
+    )  # fmt: skip
+
+
 def differing_drives(fits: Sequence[TrajectoryFit]) -> tuple[Differing, ...]:
     """Return the drive parameters that fits of one recording each do not agree on."""
     robot, found = fits[0].unknowns.robot, []
@@ -90,9 +104,9 @@ def _told(name: str, joint: str, unit: str, values: Array, sd: Array, *, of_effe
 def errors_alone(fit: TrajectoryFit) -> Array:
     """Return the standard errors of what each recording alone has, (R, U), from leaving out its blocks of time."""
     sources = np.array([source for source, _, _ in fit.spans])
-    found = []
+    own, found = fit.equations.holding(fit.unknowns.departures), []
     for recording in np.unique(sources):
-        matrix, load = (part[sources == recording] for part in (fit.equations.matrix, fit.equations.load))
+        matrix, load = (part[sources == recording] for part in (own.matrix, own.load))
         found.append(np.sqrt(np.diag(jackknife(steps_without(matrix, load, DAMPING)))))
     return np.array(found)
 
@@ -111,12 +125,13 @@ def as_last(fit: TrajectoryFit, changed: tuple[Differing, ...]) -> TrajectoryFit
     """Return the fit with joints at which an effect changed as they were in the recordings after the change."""
     own, robot = fit.unknowns, fit.unknowns.robot
     sources, z = np.array([source for source, _, _ in fit.spans]), fit.z.copy()
+    equations = fit.equations.holding(own.departures)
     for item in changed:
         if item.changed_at is None or not item.of_effect:  # friction drifts; an effect that came or went stays so
             continue
         joint = robot.joint_names.index(item.joint)
         after = sources >= item.changed_at
-        step = step_of(fit.equations.straight[after].sum(axis=0), fit.equations.load[after].sum(axis=0), DAMPING)
+        step = step_of(equations.straight[after].sum(axis=0), equations.load[after].sum(axis=0), DAMPING)
         places = of_joint(fit, joint)
         z[places] = fit.z[places] + step[places]
     return replace(fit, z=own.possible(z))

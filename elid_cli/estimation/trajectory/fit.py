@@ -157,7 +157,8 @@ class TrajectoryFit:
         that lacks something takes for other values in other poses: another recording may be as far off.
         """
         sources = np.array([source for source, _, _ in self.spans])
-        matrix, load = self.equations.straight, self.equations.load
+        own = self.equations.holding(self.unknowns.departures)  # a block has one offset
+        matrix, load = own.straight, own.load
         # a block that hardly shows an unknown leaves it where all blocks have it
         alone = np.array(
             [step_of(m + WEAKLY * matrix.sum(axis=0), g, DAMPING) for m, g in zip(matrix, load, strict=True)]
@@ -265,7 +266,8 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns, white: Array) -> tup
 
     An error without memory has the covariance `white`, of its normal equations and of the start. One with a memory has
     what leaving out one block of time after the other changes, in one linear step, where that is larger. Of three
-    recordings and more, the scatter of what each says alone counts where it is larger still.
+    recordings and more, the scatter of what each says alone counts where it is larger still; of two, that of offsets
+    which are each one's own.
     """
     source = np.array([number for number, _, _ in found.spans])
     recordings = np.unique(source)
@@ -273,14 +275,22 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns, white: Array) -> tup
     covariance = at_least(jackknife(steps), np.diag(white)) if has_memory(found) else white
     between, alone = np.zeros(len(z)), np.repeat(z[None], len(recordings), axis=0)
     if len(recordings) > 1:
-        parts = [(found.straight[source == r].sum(axis=0), found.load[source == r].sum(axis=0)) for r in recordings]
+        one = found.holding(unknowns.departures)  # a recording has one offset
+        parts = [(one.straight[source == r].sum(axis=0), one.load[source == r].sum(axis=0)) for r in recordings]
         own = np.array([step_of(matrix, load, DAMPING) for matrix, load in parts])
+        offsets = slice(KINDS.index("offset"), unknowns.drives, len(KINDS))
+        own[:, offsets] += unknowns.departures_of(z)[recordings]
         alone = alone + own
         scatter = np.var(own, axis=0, ddof=1)
         scatter[unknowns.delays] = 0.0  # each recording has its own
         between = np.sqrt(np.maximum(scatter - len(recordings) * np.diag(covariance), 0.0))
         if len(recordings) > 2:
             covariance = at_least(covariance, beyond_normal(len(recordings) - 1) ** 2 * scatter / len(recordings))
+        else:
+            mean = np.zeros(len(z))
+            places = [len(KINDS) * joint + KINDS.index("offset") for joint in unknowns.own_offsets]
+            mean[places] = scatter[places] / len(recordings)
+            covariance = at_least(covariance, mean)
     coarse = np.abs(z)
     coarse[3 : unknowns.drives : len(KINDS)] = coarse[1 : unknowns.drives : len(KINDS)]  # offsets: as the friction
     coarse[unknowns.delays] = PROMPT / COARSE

@@ -139,6 +139,7 @@ def simulated(
     if not plain:
         columns[:, :, unknowns.delays.start + run.source] = -v[:, 0, :n] + _late_feedback(columns, run.drives, unknowns)
         columns[:, :, unknowns.drives + still] = 0.0
+        columns[:, :, unknowns.departures] = unknowns.columns_of_departures(columns, run.source)
     return Moved(error, columns)
 
 
@@ -202,6 +203,8 @@ def stepped(
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
     steps = steps_of(unknowns, z, strength) if groups else np.zeros(0)
     joints = _variants(unknowns, z, steps, groups, done)
+    if unknowns.own_offsets:
+        joints = replace(joints, offset=joints.offset + unknowns.departures_of(z)[run.source])
     joints = joints if variants is None else variants(joints)
     if groups and joints.push is not None:
         _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)
@@ -292,7 +295,6 @@ def _resisting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parame
     shaped = unknowns.effects_at(z)
     effects = [shaped[k] for k in places]
     amplitudes = np.concatenate([z[unknowns.amplitudes_of(k)] for k in places])
-
     own, dt = replace(local, finer=1), item.run.dt / local.finer
 
     def push(x: Array, v: Array) -> Array:

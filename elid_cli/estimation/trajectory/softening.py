@@ -78,10 +78,10 @@ def softened(
             softer = [effect for effect in others if effect.softens and effect.joint not in shapes]
             softer = sorted([*softer, *asked], key=lambda effect: effect.joint)
             effects = (*hard.effects[:place], *softer, *(effect for effect in others if not effect.softens))
-            unknowns = Unknowns(own.robot, effects, own.recordings, place)
+            unknowns = replace(own, effects=effects, held=place)
             near = found.values if start is None or found is not hard else start
             z = started(unknowns, near, found.z[found.unknowns.amplitudes].tolist())
-            z[unknowns.delays] = found.delays
+            z[unknowns.delays], z[unknowns.departures] = found.delays, found.z[found.unknowns.departures]
             found = refit(unknowns, hard, z)
             ours = [found.effects[found.unknowns.soft[effect.joint]] for effect in asked]
             kept = [effect for effect in ours if _stays(found, effect, hard)]
@@ -139,7 +139,7 @@ def _asked(hard: TrajectoryFit, columns: Sequence[Array]) -> dict[int, tuple[flo
     def size_of(shapes: Mapping[int, tuple[float, float]]) -> Array:
         softer: list[Effect] = [kind(joint, shape) for joint, shape in shapes.items()]
         # the unknowns are the same: the first effects keep their shapes
-        unknowns = Unknowns(robot, (*softer, *hard.effects), own.recordings, len(softer) + own.held)
+        unknowns = replace(own, effects=(*softer, *hard.effects), held=len(softer) + own.held)
         return size_after_a_step(equations, unknowns, hard, columns, parameters)
 
     bare = size_of({})

@@ -1,4 +1,4 @@
-"""Unknowns of the trajectory fit: four of every joint's drive, effects, a delay of every recording.
+"""Unknowns of the trajectory fit: four of every joint's drive, effects, a delay of every recording, offsets of its own.
 
 An effect that softens a joint's friction has no amplitude of its own: that is the joint's Coulomb friction.
 """
@@ -33,7 +33,11 @@ USUAL = (3e-3, 3e-3)
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Places in one vector z (U,): four of each of n joints, joint by joint, amplitudes, shapes, then delays (s)."""
+    """Places in one vector z (U,): four of each of n joints, joint by joint, amplitudes, shapes, delays, departures.
+
+    Delays are in s. Departures are by how much offsets of single recordings are above their mean, joint by joint: of
+    all recordings but the last, which makes up for the others.
+    """
 
     robot: Robot
     effects: tuple[Effect, ...] = ()
@@ -41,6 +45,8 @@ class Unknowns:
     recordings: int = 1
     held: int = 0
     """How many of the effects, the first ones, keep their shapes."""
+    own_offsets: tuple[int, ...] = ()
+    """Joints whose torque offset is each recording's own: it changed between them."""
 
     @property
     def drives(self) -> int:
@@ -95,6 +101,30 @@ class Unknowns:
         return slice(first, first + self.recordings)
 
     @property
+    def departures(self) -> slice:
+        """Place of the departures of offsets."""
+        return slice(self.delays.stop, self.count)
+
+    def departures_of(self, z: Array) -> Array:
+        """Return by how much every recording's offsets are above their mean, N·m (N), (R, n), of unknowns (U,)."""
+        found = np.zeros((self.recordings, self.robot.n))
+        first = z[self.departures].reshape(len(self.own_offsets), self.recordings - 1).T
+        found[:-1, list(self.own_offsets)], found[-1, list(self.own_offsets)] = first, -first.sum(axis=0)
+        return found
+
+    def departing(self, offsets: Array) -> Array:
+        """Return the departures, joint by joint, of what `departures_of` returns, (R, n)."""
+        found: Array = offsets[:-1, list(self.own_offsets)].T.ravel()
+        return found
+
+    def columns_of_departures(self, columns: Array, source: int) -> Array:
+        """Return the change of a recording's positions with the departures, (N, n, D), by that with all unknowns."""
+        sign = np.eye(self.recordings)[source, :-1] - (source == self.recordings - 1)
+        offsets = columns[:, :, [len(KINDS) * joint + 3 for joint in self.own_offsets]]
+        found: Array = (offsets[..., None] * sign).reshape(*columns.shape[:2], -1)
+        return found
+
+    @property
     def amplitudes(self) -> slice:
         """Place of the amplitudes."""
         return slice(self.drives, self.delays.start - len(self.shapes))
@@ -102,7 +132,8 @@ class Unknowns:
     @property
     def count(self) -> int:
         """Number of unknowns U."""
-        return self.drives + len(self.owners) + self.recordings
+        last: int = self.delays.stop
+        return last + len(self.own_offsets) * (self.recordings - 1)
 
     def joint_values(self, z: Array) -> Array:
         """Return the drive parameters (n, 4) of unknowns (U,)."""
@@ -150,7 +181,10 @@ class Unknowns:
 
     @cached_property
     def together(self) -> tuple[NDArray[np.intp], ...]:
-        """Unknowns that vary side by side: one of every chain of joints, as chains do not move each other."""
+        """Unknowns that vary side by side: one of every chain of joints, as chains do not move each other.
+
+        Delays and departures do not vary: how they move the motion is known.
+        """
         chain = self.chain
         of: dict[int, list[int]] = {}
         for number in range(self.delays.start):
@@ -175,8 +209,9 @@ class Unknowns:
         of_joint = np.empty(self.robot.n, dtype=np.intp)
         for number, joints in enumerate(self.chains):
             of_joint[joints] = number
+        departing = np.repeat(of_joint[list(self.own_offsets)], self.recordings - 1)
         return np.concatenate([np.repeat(of_joint, len(KINDS)), of_joint[self.owners],
-                               np.full(self.recordings, len(self.chains))])  # fmt: skip
+                               np.full(self.recordings, len(self.chains)), departing])  # fmt: skip
 
     def possible(self, z: Array) -> Array:
         """Return unknowns that mean something, the nearest to given ones, (U,)."""
@@ -206,7 +241,7 @@ def steps_of(unknowns: Unknowns, z: Array, strength: Array) -> Array:
     effects = STEP * max(usual[1], 1e-6) / np.maximum(strength, 1e-9)
     size = np.maximum(np.abs(z[unknowns.amplitudes.stop : unknowns.delays.start]), unknowns.usual_shapes)
     shapes = np.where(unknowns.softening, STEP, BENDING) * size
-    return np.concatenate([own.ravel(), effects, shapes, np.ones(unknowns.recordings)])
+    return np.concatenate([own.ravel(), effects, shapes, np.ones(unknowns.count - unknowns.delays.start)])
 
 
 def started(unknowns: Unknowns, values: Array, known: Sequence[float] = ()) -> Array:

@@ -55,6 +55,16 @@ def difference_words(item: Differing) -> str:
     return f"the recordings do not agree on {item.name} of {item.joint}: {values} {item.unit}{change}"
 
 
+def own_offset_words(fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return at which joints each recording has its own torque offset, in a sentence; none where there are none."""
+    own = fit.unknowns
+    if not own.own_offsets:
+        return ()
+    joints = in_words([own.robot.joint_names[joint] for joint in own.own_offsets])
+    return (f"the torque offsets of {joints} are not the same in all recordings: each has its own in the simulated "
+            "motion; the values told, and written, are the means",)  # fmt: skip
+
+
 def late_words(robot: Robot, fit: TrajectoryFit) -> str:
     """Return how late the motion is in each recording, and which joints are later than the others."""
     usual = ", ".join(f"{1e3 * delay:.2g}" for delay in fit.delays)

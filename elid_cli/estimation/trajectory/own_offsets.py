@@ -1,0 +1,46 @@
+"""Torque offsets that changed between recordings: each of these has its own, beside what all have in common.
+
+One offset for all would leave a misfit at every other unknown, and look like an effect that the model lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.errors import DataError
+from elid_cli.estimation.trajectory.differing import offsets_apart
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
+
+Refitted = Callable[[Unknowns, TrajectoryFit, Array], tuple[TrajectoryFit, list[Array]]]
+"""Fits other unknowns to the stretches of a fit, started from z (U,)."""
+
+
+def with_own_offsets(fit: TrajectoryFit, columns: list[Array], refit: Refitted) -> tuple[TrajectoryFit, list[Array]]:
+    """Return the fit in which those joints have offsets of every recording whose offsets these do not agree on.
+
+    Parameters
+    ----------
+    fit, columns
+        The fit, in which some may have them, and how the positions of its stretches change with its unknowns,
+        (N, n, U) each.
+    refit
+        Fits other unknowns.
+    """
+    own = fit.unknowns
+    asked = offsets_apart(fit)
+    if asked == own.own_offsets:
+        return fit, columns
+    unknowns, offsets = replace(own, own_offsets=asked), slice(3, own.drives, len(KINDS))
+    alone = fit.alone[:, offsets]
+    z = np.append(fit.z[: own.delays.stop], np.zeros(unknowns.count - own.delays.stop))
+    z[unknowns.departures] = unknowns.departing(alone - alone.mean(axis=0))
+    z[offsets] = np.where(np.isin(np.arange(own.robot.n), asked), alone.mean(axis=0), z[offsets])
+    try:
+        return refit(unknowns, fit, z)
+    except DataError:  # the motion ran away
+        return fit, columns
