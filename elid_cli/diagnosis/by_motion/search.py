@@ -23,7 +23,7 @@ from elid_cli.diagnosis.by_motion.candidates import (
     tried_of,
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
-from elid_cli.diagnosis.by_motion.in_common import common_gain
+from elid_cli.diagnosis.by_motion.in_common import common_gain, has_one_sign
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import (
     again,
@@ -306,7 +306,7 @@ def _clear_of_nothing(fit: TrajectoryFit, place: int) -> bool:
 def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:
     if not _possible(fit, place) or not _clear_of_nothing(fit, place):
         return False
-    if len(fit.alone) > 1 and common_gain(fit, place) < LEAST:
+    if len(fit.alone) > 1 and (not has_one_sign(fit, place) or common_gain(fit, place) < LEAST):
         return False
     return item.gain >= max(LEAST, item.effect.least_gain) and item.helped >= HELPED
 

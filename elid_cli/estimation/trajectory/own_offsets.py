@@ -16,6 +16,8 @@ from elid_cli.estimation.trajectory.differing import offsets_apart
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 
+SPOILT = 0.02
+"""Sum over the joints of the logarithm by which the error's size may rise where offsets are one again."""
 Refitted = Callable[[Unknowns, TrajectoryFit, Array], tuple[TrajectoryFit, list[Array]]]
 """Fits other unknowns to the stretches of a fit, started from z (U,)."""
 
@@ -41,6 +43,10 @@ def with_own_offsets(fit: TrajectoryFit, columns: list[Array], refit: Refitted) 
     z[unknowns.departures] = unknowns.departing(alone - alone.mean(axis=0))
     z[offsets] = np.where(np.isin(np.arange(own.robot.n), asked), alone.mean(axis=0), z[offsets])
     try:
-        return refit(unknowns, fit, z)
+        found, moved = refit(unknowns, fit, z)
     except DataError:  # the motion ran away
         return fit, columns
+    # more unknowns that leave more lost the motion on their way; fewer may leave a little more
+    nearer = float(np.log(fit.equations.size / found.equations.size).sum())
+    least = 0.0 if set(asked) > set(own.own_offsets) else -SPOILT
+    return (found, moved) if nearer > least else (fit, columns)

@@ -88,6 +88,20 @@ def between_words(found: MotionDiagnosis) -> str:
     )
 
 
+def offsets_words(found: MotionDiagnosis) -> str:
+    """Return that torque offsets changed between recordings, where each has its own in the simulated motion."""
+    own, names = found.fit_after.unknowns.own_offsets, found.robot.joint_names
+    told = {item.joint for item in found.differing if item.name == "offset"}
+    joints = [names[joint] for joint in own if names[joint] in told]
+    if not joints:
+        return ""
+    plural = "s" if len(joints) > 1 else ""
+    return (
+        f" The torque offset{plural} of {listed(joints)} changed between the recordings: each recording has its own in "
+        "this motion, and the values below are the means."
+    )
+
+
 def free_bodies_words(found: MotionDiagnosis) -> str:
     """Return that the bodies of least squares come clearly nearer than all effects, where they do."""
     if found.free_bodies is None:

@@ -287,8 +287,9 @@ def test_offsets_that_changed_between_recordings_are_told_and_no_bodies_are_blam
     assert [offsets[name] for name in plant.NAMES] == pytest.approx(-held, abs=0.01)
     assert {item.name for item in found.differing} == {"offset"}
     sections = " ".join(str(motion_diagnosis_report(found, "arm.yaml").sections).split())
-    assert "The recordings do not agree" in sections
+    assert "The torque offsets of one, two and three changed between the recordings" in sections
     assert "Other bodies" not in sections
+    assert not found.alone
 
 
 def test_no_tool_is_told_where_there_is_none_and_a_wrong_mass_of_another_body_is_that_of_this_body(
