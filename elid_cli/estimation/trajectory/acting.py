@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
@@ -159,6 +160,10 @@ def acting(effects: Sequence[Effect], scene: Scene) -> Acting:
     first = 0
     for effect in effects:
         last = first + len(effect.amplitudes)
+        if effect.acts_as == "directed friction":
+            _directed(effect, creeping, places.motors, push[first:last], grip[first:last])
+            first = last
+            continue
         for row, columns in effect.columns(creeping if effect.holds() else scene).items():
             place = row.joint if row.side == "link" else places.motors[row.joint]
             if effect.holds():
@@ -169,6 +174,21 @@ def acting(effects: Sequence[Effect], scene: Scene) -> Acting:
                 push[first:last, :, place] += columns
         first = last
     return Acting(push, grip)
+
+
+def _directed(effect: Effect, creeping: Scene, motors: NDArray[np.intp], push: Array, grip: Array) -> None:
+    """Add what a friction does that is of another size in each direction, of D amplitudes: (D, N, m) each.
+
+    Between the frictions of both directions a joint rests: half their difference holds it, half their sum pushes it.
+    """
+    speed = np.abs(creeping.motion.dtheta)
+    ways = [replace(creeping, motion=replace(creeping.motion, dtheta=sign * speed), cache={}) for sign in (1, -1)]
+    forwards, backwards = (effect.columns(way) for way in ways)
+    for row, columns in forwards.items():
+        place = motors[row.joint]
+        whole = np.abs(ways[0].direction(row.joint))
+        push[:, :, place] += 0.5 * (columns + backwards[row]) / whole
+        grip[:, :, place] += 0.5 * (columns - backwards[row]) / whole
 
 
 def _creeping(scene: Scene) -> tuple[Scene, Array]:
