@@ -151,6 +151,7 @@ def search(
                 softer, known = softer | gains_of(fit), len(fit.effects) - len(named)
         if named:
             fit, named = _among_rivals(fit, named, known)
+            fit = with_offsets_again(fit)
             hard = hardened(fit, softer)
             if hard is not fit:
                 known -= len(softer)

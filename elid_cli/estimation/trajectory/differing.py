@@ -19,7 +19,7 @@ APART = 4.0
 LARGE, OFFSET = 0.25, 0.1
 """Part of the largest value by which recordings must differ, at least, to be worth a word; of offsets that of the
 joint's Coulomb friction."""
-SLIGHT = 0.01
+SLIGHT = 0.003
 """The same of offsets that are each recording's own: less bends nothing else."""
 PARTED = 0.9
 """Part of the scatter that one change between two recordings must explain."""
