@@ -27,6 +27,9 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals, check_signals
 from elid_cli.tables import Shown
 
+MOSTLY = 0.5
+"""Part of the squared error left from which a constant is most of it."""
+
 
 @dataclass(frozen=True, repr=False)
 class Validation(Shown):
@@ -50,6 +53,22 @@ class Validation(Shown):
     chosen: NDArray[np.bool_] | None = None
     """Instants that are judged, (M,); None: all."""
     settings: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Mean of what is left of joints' torque, N·m (N), of those where it is most of what is left."""
+        found = {}
+        for group in self.observation.groups:
+            if group.row.kind != "sum" or group.row not in self.residual:
+                continue
+            use = group.use if self.chosen is None else group.use & self.chosen
+            left = self.residual[group.row][use]
+            if not len(left):
+                continue
+            mean = float(left.mean())
+            if mean**2 > MOSTLY * float(np.mean(left**2)):
+                found[self.robot.joint_names[group.row.joint]] = mean
+        return found
 
 
 def validate(

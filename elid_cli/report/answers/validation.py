@@ -8,15 +8,15 @@ from typing import Any
 from elid_cli.estimation.judgement import Judgement
 from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.validation.prediction import ByLog, Validation
-from elid_cli.estimation.validation.sufficiency import above_noise
+from elid_cli.estimation.validation.sufficiency import ABOVE, above_noise
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import error_table, log_table, sensor_table
 from elid_cli.report.answers.identification_json import error_payload, model_payload
 from elid_cli.report.answers.lacking import lacking_words, moment_words, rows_words
-from elid_cli.report.answers.summary import answers, trust_words
-from elid_cli.report.tree import KeyValues, Report, Section, Text, warned
+from elid_cli.report.answers.summary import answers, listed, trust_words
+from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text, warned
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
@@ -33,7 +33,7 @@ def validation_report(
     said = said or Judgement((), ())
     error = above_noise(found.error, found.robot, said.noise)
     lacking = {item.joint for item in said.insufficient}
-    missing = _missing(said, alone=found.robot.n == 1)
+    missing = _missing(said, alone=found.robot.n == 1) + _constant_words(found, said)
     acting = as_observed(found.robot, recording).effects
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
@@ -70,6 +70,19 @@ def _missing(said: Judgement, *, alone: bool) -> str:
     return lacking_words(said.model, said.insufficient, said.noise, alone=alone)
 
 
+def _constants(found: Validation, said: Judgement) -> dict[str, float]:
+    """Return the constant torque that is most of what is left, by joint, of joints where that is more than noise."""
+    above = {item.joint for item in said.noise if item.rows == "sum" and item.ratio > ABOVE}
+    return {name: value for name, value in found.constants.items() if name in above}
+
+
+def _constant_words(found: Validation, said: Judgement) -> str:
+    """Return which joints' error is a constant for the most part, in a sentence after another; nothing of none."""
+    units = {joint.name: joint.units[1] for joint in found.robot.joints}
+    told = [f"{number_text(value, 3)} {units[name]} at {name}" for name, value in _constants(found, said).items()]
+    return f" Most of that is a constant, as of an offset of the torque: {listed(told)}." if told else ""
+
+
 def validation_payload(found: Validation, said: Judgement | None = None) -> dict[str, Any]:
     """Return the JSON object of a validation, without the log and the stretches that it was judged on."""
     said = said or Judgement((), ())
@@ -79,6 +92,7 @@ def validation_payload(found: Validation, said: Judgement | None = None) -> dict
         "error": error_payload(above_noise(found.error, found.robot, said.noise)),
         **model_payload(said.model, said.noise, said.insufficient),
         "misfitted": said.misfitted,
+        "constant": _constants(found, said),
         "nuisances": inputs.nuisance_payload(_corrected(found.robot)),
     }
 
