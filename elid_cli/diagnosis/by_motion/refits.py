@@ -13,7 +13,6 @@ from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.decided import late_or_prompt, shows_delays
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.held_loops import refitted
-from elid_cli.estimation.trajectory.own_offsets import with_own_offsets
 from elid_cli.estimation.trajectory.softening import is_worth, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -79,12 +78,6 @@ def hardened(fit: TrajectoryFit, soft: Collection[int]) -> TrajectoryFit:
     except DataError:
         return fit
     return fit if any(is_worth(fit, hard, joint) for joint in soft) else hard
-
-
-def with_offsets_again(fit: TrajectoryFit) -> TrajectoryFit:
-    """Return the fit with offsets of every recording at those joints where these do not agree on one now."""
-    found, _ = with_own_offsets(fit, [], lambda unknowns, near, z: (again(near, unknowns, z), []))
-    return fit if found is fit else replace(found, held=fit.held)
 
 
 def in_place(fit: TrajectoryFit, others: Mapping[int, Effect]) -> TrajectoryFit | None:

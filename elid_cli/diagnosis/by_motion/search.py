@@ -32,7 +32,6 @@ from elid_cli.diagnosis.by_motion.refits import (
     in_place,
     softened_again,
     with_delay,
-    with_offsets_again,
     without,
 )  # fmt: skip
 from elid_cli.diagnosis.by_motion.rivals import in_best_forms, with_rivals
@@ -43,6 +42,7 @@ from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.first_fits import FirstFit, first_fit
 from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit
+from elid_cli.estimation.trajectory.own_offsets import with_offsets_again
 from elid_cli.estimation.trajectory.softening import gains_of
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect

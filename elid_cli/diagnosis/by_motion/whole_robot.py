@@ -127,22 +127,37 @@ class _Log:
 
 
 def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
-    """Return what a search finds by gains of the drives and by changes, what comes nearer first."""
+    """Return what a search finds by gains of the drives and by changes: first by what comes nearer.
+
+    Or by what leaves less to name beside it, and is no farther.
+    """
     found, gains, scales = _asked_gains(plain, log, off)
     found, asked, rivals = _asked_changes(found, log)
+    one: Found | None = None
     if asked is None or (gains is not None and not _goes_before(asked, gains, plain)):
-        found, log = _by_gains(found, log, gains, scales)
-        if found.scaled.any():
-            twins = twins_of_gains(found.taken, asked, plain.plain)
-            found = replace(
-                found, rivals=(*found.rivals, *twins), shifts=shifts_of_twins(found.taken, asked) if twins else ()
-            )
-            found, asked, rivals = _asked_changes(found, log)
-        return _by_changes(found, log, asked, rivals)[0]
-    found, log = _by_changes(found, log, asked, (*rivals, *gains_as_near(gains, asked, plain.plain)))
-    if found.changes:
-        found, gains, scales = _asked_gains(found, log, ())
-    return _by_gains(found, log, gains, scales)[0]
+        one = _gains_first(found, log, gains, scales, asked, rivals)
+        if asked is None or one.items <= len(asked.changes):
+            return one
+    other, log = _by_changes(found, log, asked, (*rivals, *gains_as_near(gains, asked, plain.plain)))
+    if other.changes:
+        other, gains, scales = _asked_gains(other, log, ())
+    other = _by_gains(other, log, gains, scales)[0]
+    better = one is None or (other.items < one.items and not clearly_nearer(one.done.after, other.done.after))
+    return other if better or one is None else one
+
+
+def _gains_first(
+    found: Found, log: _Log, gains: Gains | None, scales: Sequence[LoadScale], asked: Together | None,
+    rivals: tuple[Rival, ...],
+) -> Found:  # fmt: skip
+    """Return what a search finds by gains, then by changes; those `asked` for without gains are rivals of these."""
+    plain = found.plain
+    found, log = _by_gains(found, log, gains, scales)
+    if found.scaled.any():
+        twins = twins_of_gains(found.taken, asked, plain)
+        shifts = shifts_of_twins(found.taken, asked) if twins else ()
+        found, asked, rivals = _asked_changes(replace(found, rivals=(*found.rivals, *twins), shifts=shifts), log)
+    return _by_changes(found, log, asked, rivals)[0]
 
 
 def _goes_before(asked: Together, gains: Gains, plain: Found) -> bool:

@@ -13,13 +13,26 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.differing import offsets_apart
-from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 
 SPOILT = 0.02
 """Sum over the joints of the logarithm by which the error's size may rise where offsets are one again."""
+QUICK = 6
+"""Most motions of a fit whose slopes are computed."""
 Refitted = Callable[[Unknowns, TrajectoryFit, Array], tuple[TrajectoryFit, list[Array]]]
 """Fits other unknowns to the stretches of a fit, started from z (U,)."""
+
+
+def with_offsets_again(fit: TrajectoryFit) -> TrajectoryFit:
+    """Return a fit with offsets of every recording at those joints where these do not agree on one now."""
+
+    def refit(unknowns: Unknowns, near: TrajectoryFit, z: Array) -> tuple[TrajectoryFit, list[Array]]:
+        tracked = [replace(item) for item in near.tracked]
+        return fitted(unknowns, tracked, z, prompt=not near.delays.any(), cycles=QUICK), []
+
+    found, _ = with_own_offsets(fit, [], refit)
+    return fit if found is fit else replace(found, held=fit.held)
 
 
 def with_own_offsets(fit: TrajectoryFit, columns: list[Array], refit: Refitted) -> tuple[TrajectoryFit, list[Array]]:
