@@ -117,15 +117,20 @@ def friction_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
 
 
 def sum_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
-    """Return which torque offsets are known in a sum with what effects add, in a sentence; none where none is."""
+    """Return which torque offsets are known in a sum with what else is constant, in sentences; none where none is."""
     moved = fit.unknowns.joint_values(settled(fit) - fit.z)[:, KINDS.index("offset")]
     joints = [robot.joint_names[k] for k in np.flatnonzero(moved)]
-    if not joints:
-        return ()
-    return (
+    rates = fit.tracked[0].run.drives.ki
+    added = [] if rates is None else [robot.joint_names[k] for k in np.flatnonzero(rates)]
+    preloads = () if not joints else (
         f"the torque offset of {in_words(joints)} and what an effect adds to it at any angle, as the preload of a "
         "spring, are known in their sum alone: the effect is taken to push nowhere on the whole",
-    )
+    )  # fmt: skip
+    held = () if not added else (
+        f"the torque offset of {in_words(added)} is told with what the integral term of the drive holds when the log "
+        "begins: the log shows their sum alone",
+    )  # fmt: skip
+    return (*preloads, *held)
 
 
 def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
