@@ -42,7 +42,7 @@ from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.first_fits import FirstFit, first_fit
 from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit
-from elid_cli.estimation.trajectory.own_offsets import with_offsets_again
+from elid_cli.estimation.trajectory.own_values import with_own_values_again
 from elid_cli.estimation.trajectory.softening import gains_of
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
@@ -147,11 +147,11 @@ def search(
             dropped = _dropped(dropped, best, named)
             waiting = []
             if named:  # they may have hidden how friction turns
-                fit = with_offsets_again(softened_again(fit))
+                fit = with_own_values_again(softened_again(fit))
                 softer, known = softer | gains_of(fit), len(fit.effects) - len(named)
         if named:
             fit, named = _among_rivals(fit, named, known)
-            fit = with_offsets_again(fit)
+            fit = with_own_values_again(fit)
             hard = hardened(fit, softer)
             if hard is not fit:
                 known -= len(softer)

@@ -15,7 +15,7 @@ from elid_cli.estimation.trajectory.beside import SETTLED, Beside
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.own_offsets import with_offsets_again
+from elid_cli.estimation.trajectory.own_values import with_own_values_again
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import TUNED
 from elid_cli.model.runs import Run
@@ -267,8 +267,8 @@ def descended(
         deviations = np.where(shown, np.hypot(found.deviations, COARSE * by.most), np.inf)
         settled = (np.abs(found.steps) <= SETTLED * deviations).all()
         if number == STEPS - 1 or (settled and fell < GOES_ON):
-            other = with_offsets_again(fit)
-            if set(other.unknowns.own_offsets) > set(fit.unknowns.own_offsets):
+            other = with_own_values_again(fit)
+            if set(other.unknowns.own) > set(fit.unknowns.own):
                 # without the change, what is missing hid how offsets differ between recordings
                 anew = replace(started, values=values, fit=other)
                 return descended(anew, plain, before, max(done, TRIED), known=known)

@@ -14,7 +14,7 @@ from elid_cli.estimation.regression.normal_equations import jackknife
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted_with_columns
 from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.own_offsets import with_own_offsets
+from elid_cli.estimation.trajectory.own_values import with_own_values
 from elid_cli.estimation.trajectory.softening import Refit, columns_of, softened
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns, started
 from elid_cli.model.coordinates import coordinates_of
@@ -103,7 +103,7 @@ def fit_with_columns(
             again = fit, columns
         fit, columns = again if _nearer(again[0], fit) else (fit, columns)
     fit, columns = _of_whole_periods(fit, columns) if late else (fit, columns)
-    fit, columns = with_own_offsets(fit, columns, partial(_fitted_again, late=late))
+    fit, columns = with_own_values(fit, columns, partial(_fitted_again, late=late))
     if not soft:
         return fit, columns
 

@@ -19,8 +19,8 @@ APART = 4.0
 LARGE, OFFSET = 0.25, 0.1
 """Part of the largest value by which recordings must differ, at least, to be worth a word; of offsets that of the
 joint's Coulomb friction."""
-SLIGHT = 0.003
-"""The same of offsets that are each recording's own: less bends nothing else."""
+SLIGHT, LITTLE = 0.003, 0.02
+"""The same of offsets, and part of itself of friction, that are each recording's own: less bends nothing else."""
 PARTED = 0.9
 """Part of the scatter that one change between two recordings must explain."""
 UNITS = {"Ja": "kg·m²", "fs": "N·m", "fv": "N·m·s/rad", "offset": "N·m"}
@@ -60,16 +60,21 @@ def differing(fit: TrajectoryFit) -> tuple[Differing, ...]:
     return tuple(found)
 
 
-def offsets_apart(fit: TrajectoryFit) -> tuple[int, ...]:
-    """Return the joints whose torque offsets recordings do not agree on, however little that is worth a word."""
-    places = range(KINDS.index("offset"), fit.unknowns.drives, len(KINDS))
+def drives_apart(fit: TrajectoryFit) -> tuple[tuple[int, int], ...]:
+    """Return joint and kind of friction and offsets that recordings do not agree on, be it little worth a word.
+
+    An inertia does not change.
+    """
     if fit.unknowns.recordings < 2:
         return ()
-    errors = errors_alone(fit)
-    return tuple(
-        joint for joint, k in enumerate(places)
-        if _are_apart(fit.alone[:, k], errors[:, k], SLIGHT * abs(float(fit.values[joint, 1])))
-    )  # fmt: skip
+    errors, found = errors_alone(fit), list[tuple[int, int]]()
+    for joint, values in enumerate(fit.values):
+        for kind in range(1, len(KINDS)):
+            place = len(KINDS) * joint + kind
+            least = SLIGHT * abs(float(values[1])) if KINDS[kind] == "offset" else LITTLE * abs(float(values[kind]))
+            if _are_apart(fit.alone[:, place], errors[:, place], least):
+                found.append((joint, kind))
+    return tuple(found)
 
 
 def differing_drives(fits: Sequence[TrajectoryFit]) -> tuple[Differing, ...]:

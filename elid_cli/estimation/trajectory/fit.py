@@ -157,7 +157,7 @@ class TrajectoryFit:
         that lacks something takes for other values in other poses: another recording may be as far off.
         """
         sources = np.array([source for source, _, _ in self.spans])
-        own = self.equations.holding(self.unknowns.departures)  # a block has one offset
+        own = self.equations.holding(self.unknowns.departures)  # a block is of one recording
         matrix, load = own.straight, own.load
         # a block that hardly shows an unknown leaves it where all blocks have it
         alone = np.array(
@@ -266,8 +266,8 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns, white: Array) -> tup
 
     An error without memory has the covariance `white`, of its normal equations and of the start. One with a memory has
     what leaving out one block of time after the other changes, in one linear step, where that is larger. Of three
-    recordings and more, the scatter of what each says alone counts where it is larger still; of two, that of offsets
-    which are each one's own.
+    recordings and more, the scatter of what each says alone counts where it is larger still; of two, that of
+    parameters which are each one's own.
     """
     source = np.array([number for number, _, _ in found.spans])
     recordings = np.unique(source)
@@ -275,11 +275,10 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns, white: Array) -> tup
     covariance = at_least(jackknife(steps), np.diag(white)) if has_memory(found) else white
     between, alone = np.zeros(len(z)), np.repeat(z[None], len(recordings), axis=0)
     if len(recordings) > 1:
-        one = found.holding(unknowns.departures)  # a recording has one offset
+        one = found.holding(unknowns.departures)  # a recording has one value of each
         parts = [(one.straight[source == r].sum(axis=0), one.load[source == r].sum(axis=0)) for r in recordings]
         own = np.array([step_of(matrix, load, DAMPING) for matrix, load in parts])
-        offsets = slice(KINDS.index("offset"), unknowns.drives, len(KINDS))
-        own[:, offsets] += unknowns.departures_of(z)[recordings]
+        own[:, : unknowns.drives] += unknowns.departures_of(z)[recordings].reshape(len(recordings), -1)
         alone = alone + own
         scatter = np.var(own, axis=0, ddof=1)
         scatter[unknowns.delays] = 0.0  # each recording has its own
@@ -288,7 +287,7 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns, white: Array) -> tup
             covariance = at_least(covariance, beyond_normal(len(recordings) - 1) ** 2 * scatter / len(recordings))
         else:
             mean = np.zeros(len(z))
-            places = [len(KINDS) * joint + KINDS.index("offset") for joint in unknowns.own_offsets]
+            places = list(unknowns.owned)
             mean[places] = scatter[places] / len(recordings)
             covariance = at_least(covariance, mean)
     coarse = np.abs(z)

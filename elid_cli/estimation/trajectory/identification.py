@@ -56,7 +56,7 @@ from elid_cli.estimation.trajectory.words import (
     filter_words,
     late_words,
     loop_words,
-    own_offset_words,
+    own_value_words,
     softness_words,
     step_words,
     sum_words,
@@ -266,7 +266,7 @@ def identification_of(
     standard[places[shown]] = fit.values[:, : len(PARAMETERS)][shown]
     estimate = base.transform @ standard
     spread = base.transform @ covariance @ base.transform.T
-    apart = [*softness_words(robot, fit), *(difference_words(item) for item in differing(fit)), *own_offset_words(fit)]
+    apart = [*softness_words(robot, fit), *(difference_words(item) for item in differing(fit)), *own_value_words(fit)]
     if fit.unknowns.recordings == 1:
         wider = float(np.median(fit.another[: fit.unknowns.drives] / fit.deviation[: fit.unknowns.drives]))
         apart.append(

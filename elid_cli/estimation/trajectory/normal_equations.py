@@ -203,8 +203,7 @@ def stepped(
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
     steps = steps_of(unknowns, z, strength) if groups else np.zeros(0)
     joints = _variants(unknowns, z, steps, groups, done)
-    if unknowns.own_offsets:
-        joints = replace(joints, offset=joints.offset + unknowns.departures_of(z)[run.source])
+    joints = unknowns.as_recorded(joints, z, run.source)
     joints = joints if variants is None else variants(joints)
     if groups and joints.push is not None:
         _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)

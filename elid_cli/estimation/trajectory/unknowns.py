@@ -1,4 +1,4 @@
-"""Unknowns of the trajectory fit: four of every joint's drive, effects, a delay of every recording, offsets of its own.
+"""Unknowns of the trajectory fit: four of every joint's drive, effects, a delay of every recording, drives of its own.
 
 An effect that softens a joint's friction has no amplitude of its own: that is the joint's Coulomb friction.
 """
@@ -6,14 +6,14 @@ An effect that softens a joint's friction has no amplitude of its own: that is t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.model.drives import Fading
+from elid_cli.model.drives import Fading, Joints
 from elid_cli.model.effects.effect import Effect, Parameter
 from elid_cli.robot.robot import Robot
 
@@ -35,8 +35,8 @@ USUAL = (3e-3, 3e-3)
 class Unknowns:
     """Places in one vector z (U,): four of each of n joints, joint by joint, amplitudes, shapes, delays, departures.
 
-    Delays are in s. Departures are by how much offsets of single recordings are above their mean, joint by joint: of
-    all recordings but the last, which makes up for the others.
+    Delays are in s. Departures are by how much friction or offsets of single recordings are above their mean, one after
+    the other: of all recordings but the last, which makes up for the others.
     """
 
     robot: Robot
@@ -45,8 +45,8 @@ class Unknowns:
     recordings: int = 1
     held: int = 0
     """How many of the effects, the first ones, keep their shapes."""
-    own_offsets: tuple[int, ...] = ()
-    """Joints whose torque offset is each recording's own: it changed between them."""
+    own: tuple[tuple[int, int], ...] = ()
+    """Joint and kind (of `KINDS`) of every drive parameter that is each recording's own: it changed between them."""
 
     @property
     def drives(self) -> int:
@@ -102,26 +102,43 @@ class Unknowns:
 
     @property
     def departures(self) -> slice:
-        """Place of the departures of offsets."""
+        """Place of the departures."""
         return slice(self.delays.stop, self.count)
 
+    @cached_property
+    def owned(self) -> tuple[int, ...]:
+        """Places in z of the parameters that are each recording's own."""
+        return tuple(len(KINDS) * joint + kind for joint, kind in self.own)
+
     def departures_of(self, z: Array) -> Array:
-        """Return by how much every recording's offsets are above their mean, N·m (N), (R, n), of unknowns (U,)."""
-        found = np.zeros((self.recordings, self.robot.n))
-        first = z[self.departures].reshape(len(self.own_offsets), self.recordings - 1).T
-        found[:-1, list(self.own_offsets)], found[-1, list(self.own_offsets)] = first, -first.sum(axis=0)
+        """Return by how much every recording's drive parameters are above their mean, (R, n, 4), of unknowns (U,)."""
+        found, places = np.zeros((self.recordings, self.drives)), list(self.owned)
+        first = z[self.departures].reshape(len(places), self.recordings - 1).T
+        found[:-1, places], found[-1, places] = first, -first.sum(axis=0)
+        return found.reshape(self.recordings, self.robot.n, len(KINDS))
+
+    def departing(self, values: Array) -> Array:
+        """Return the departures, one parameter after the other, of what `departures_of` returns, (R, n, 4)."""
+        found: Array = values.reshape(len(values), -1)[:-1, list(self.owned)].T.ravel()
         return found
 
-    def departing(self, offsets: Array) -> Array:
-        """Return the departures, joint by joint, of what `departures_of` returns, (R, n)."""
-        found: Array = offsets[:-1, list(self.own_offsets)].T.ravel()
-        return found
+    def as_recorded(self, joints: Joints, z: Array, source: int) -> Joints:
+        """Return variants of the joints with the friction and the offsets that one recording has of its own."""
+        if not self.own:
+            return joints
+        _, coulomb, viscous, offset = self.departures_of(z)[source].T
+        soft, fading = np.isin(np.arange(self.robot.n), list(self.soft)), joints.fading
+        if fading is not None:
+            fading = replace(fading, friction=np.maximum(fading.friction + np.where(soft, coulomb, 0.0), 0.0))
+        hard = np.maximum(joints.coulomb + np.where(soft, 0.0, coulomb), 0.0)
+        return replace(
+            joints, coulomb=hard, viscous=joints.viscous + viscous, offset=joints.offset + offset, fading=fading
+        )
 
     def columns_of_departures(self, columns: Array, source: int) -> Array:
         """Return the change of a recording's positions with the departures, (N, n, D), by that with all unknowns."""
         sign = np.eye(self.recordings)[source, :-1] - (source == self.recordings - 1)
-        offsets = columns[:, :, [len(KINDS) * joint + 3 for joint in self.own_offsets]]
-        found: Array = (offsets[..., None] * sign).reshape(*columns.shape[:2], -1)
+        found: Array = (columns[:, :, list(self.owned), None] * sign).reshape(*columns.shape[:2], -1)
         return found
 
     @property
@@ -133,7 +150,7 @@ class Unknowns:
     def count(self) -> int:
         """Number of unknowns U."""
         last: int = self.delays.stop
-        return last + len(self.own_offsets) * (self.recordings - 1)
+        return last + len(self.own) * (self.recordings - 1)
 
     def joint_values(self, z: Array) -> Array:
         """Return the drive parameters (n, 4) of unknowns (U,)."""
@@ -209,7 +226,7 @@ class Unknowns:
         of_joint = np.empty(self.robot.n, dtype=np.intp)
         for number, joints in enumerate(self.chains):
             of_joint[joints] = number
-        departing = np.repeat(of_joint[list(self.own_offsets)], self.recordings - 1)
+        departing = np.repeat(of_joint[[joint for joint, _ in self.own]], self.recordings - 1)
         return np.concatenate([np.repeat(of_joint, len(KINDS)), of_joint[self.owners],
                                np.full(self.recordings, len(self.chains)), departing])  # fmt: skip
 

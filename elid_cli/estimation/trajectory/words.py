@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,10 @@ AHEAD = 0.5
 """ms; lead of friction that is worth a word."""
 
 
+OWNED = (("fs", "Coulomb friction"), ("fv", "viscous friction"), ("offset", "torque offset"))
+"""What may be each recording's own, in the order of `KINDS` after the inertia: name, and words."""
+
+
 def difference_words(item: Differing) -> str:
     """Return what recordings do not agree on, in a sentence."""
     values = ", ".join(f"{value:.3g}" for value in item.values)
@@ -55,14 +59,24 @@ def difference_words(item: Differing) -> str:
     return f"the recordings do not agree on {item.name} of {item.joint}: {values} {item.unit}{change}"
 
 
-def own_offset_words(fit: TrajectoryFit) -> tuple[str, ...]:
-    """Return at which joints each recording has its own torque offset, in a sentence; none where there are none."""
-    own = fit.unknowns
-    if not own.own_offsets:
-        return ()
-    joints = in_words([own.robot.joint_names[joint] for joint in own.own_offsets])
-    return (f"the torque offsets of {joints} are not the same in all recordings: each has its own in the simulated "
-            "motion; the values told, and written, are the means",)  # fmt: skip
+def own_value_words(fit: TrajectoryFit) -> tuple[str, ...]:
+    """Return which friction and offsets are each recording's own, in a sentence; none where there are none."""
+    told = owned_words(fit)
+    return () if not told else (
+        f"{in_words(told)} are not the same in all recordings: each has its own in the simulated motion; the values "
+        "told, and written, are the means",
+    )  # fmt: skip
+
+
+def owned_words(fit: TrajectoryFit, only: Callable[[str, str], bool] = lambda kind, joint: True) -> list[str]:
+    """Return what is each recording's own, kind by kind: those of a name and a joint that `only` allows."""
+    own, found = fit.unknowns, list[str]()
+    for number, (name, words) in enumerate(OWNED, start=1):
+        names = [own.robot.joint_names[joint] for joint, kind in own.own if kind == number]
+        joints = [joint for joint in names if only(name, joint)]
+        if joints:
+            found.append(f"{words} of {in_words(joints)}")
+    return found
 
 
 def late_words(robot: Robot, fit: TrajectoryFit) -> str:

@@ -29,7 +29,7 @@ from elid_cli.report.answers.motion_doubts import (
     gains_words,
     load_words,
     mean_off,
-    offsets_words,
+    owned_words,
     scale_words,
 )
 from elid_cli.report.answers.summary import PARTIAL, answers, doubted, listed, record_sections, share_text
@@ -155,7 +155,7 @@ def _trust(found: MotionDiagnosis) -> str:
     was = f" ({before} without)" if found.effects else ""
     words = (
         f"{verdict}{added}: the motion simulated under the commands is off by {after} on average{was}, at most by "
-        f"{most}.{offsets_words(found)}"
+        f"{most}.{owned_words(found)}"
     )
     # with wrong units or signs the bodies' weight and the gains would not move the robot as it was measured
     return doubted(words, (*(found.recording.warnings if left else ()), *found.after.warnings))

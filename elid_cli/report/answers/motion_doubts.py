@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.by_motion.torque_gains import gain_name
+from elid_cli.estimation.trajectory import words
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.report.answers.missing import spoken, whose
@@ -88,17 +89,15 @@ def between_words(found: MotionDiagnosis) -> str:
     )
 
 
-def offsets_words(found: MotionDiagnosis) -> str:
-    """Return that torque offsets changed between recordings, where each has its own in the simulated motion."""
-    own, names = found.fit_after.unknowns.own_offsets, found.robot.joint_names
-    told = {item.joint for item in found.differing if item.name == "offset"}
-    joints = [names[joint] for joint in own if names[joint] in told]
-    if not joints:
+def owned_words(found: MotionDiagnosis) -> str:
+    """Return what changed between recordings, where each has its own in the simulated motion."""
+    told = {(item.name, item.joint) for item in found.differing}
+    own = words.owned_words(found.fit_after, lambda kind, joint: (kind, joint) in told)
+    if not own:
         return ""
-    plural = "s" if len(joints) > 1 else ""
     return (
-        f" The torque offset{plural} of {listed(joints)} changed between the recordings: each recording has its own in "
-        "this motion, and the values below are the means."
+        f" The recordings do not agree on {listed(own)}: each has its own in this motion, and the values below are the "
+        "means."
     )
 
 

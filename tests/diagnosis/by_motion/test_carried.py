@@ -287,7 +287,7 @@ def test_offsets_that_changed_between_recordings_are_told_and_no_bodies_are_blam
     assert [offsets[name] for name in plant.NAMES] == pytest.approx(-held, abs=0.01)
     assert {item.name for item in found.differing} == {"offset"}
     sections = " ".join(str(motion_diagnosis_report(found, "arm.yaml").sections).split())
-    assert "The torque offsets of one, two and three changed between the recordings" in sections
+    assert "The recordings do not agree on torque offset of one, two and three" in sections
     assert "Other bodies" not in sections
     assert not found.alone
 

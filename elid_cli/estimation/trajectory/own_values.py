@@ -1,6 +1,6 @@
-"""Torque offsets that changed between recordings: each of these has its own, beside what all have in common.
+"""Friction and torque offsets that changed between recordings: each has its own, beside what all have in common.
 
-One offset for all would leave a misfit at every other unknown, and look like an effect that the model lacks.
+One value for all would leave a misfit at every other unknown, and look like an effect that the model lacks.
 """
 
 from __future__ import annotations
@@ -12,31 +12,31 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
-from elid_cli.estimation.trajectory.differing import offsets_apart
+from elid_cli.estimation.trajectory.differing import drives_apart
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
-from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
+from elid_cli.estimation.trajectory.unknowns import Unknowns
 
 SPOILT = 0.02
-"""Sum over the joints of the logarithm by which the error's size may rise where offsets are one again."""
+"""Sum over the joints of the logarithm by which the error's size may rise where values are one again."""
 QUICK = 6
 """Most motions of a fit whose slopes are computed."""
 Refitted = Callable[[Unknowns, TrajectoryFit, Array], tuple[TrajectoryFit, list[Array]]]
 """Fits other unknowns to the stretches of a fit, started from z (U,)."""
 
 
-def with_offsets_again(fit: TrajectoryFit) -> TrajectoryFit:
-    """Return a fit with offsets of every recording at those joints where these do not agree on one now."""
+def with_own_values_again(fit: TrajectoryFit) -> TrajectoryFit:
+    """Return a fit with values of every recording's own where recordings do not agree on one now."""
 
     def refit(unknowns: Unknowns, near: TrajectoryFit, z: Array) -> tuple[TrajectoryFit, list[Array]]:
         tracked = [replace(item) for item in near.tracked]
         return fitted(unknowns, tracked, z, prompt=not near.delays.any(), cycles=QUICK), []
 
-    found, _ = with_own_offsets(fit, [], refit)
+    found, _ = with_own_values(fit, [], refit)
     return fit if found is fit else replace(found, held=fit.held)
 
 
-def with_own_offsets(fit: TrajectoryFit, columns: list[Array], refit: Refitted) -> tuple[TrajectoryFit, list[Array]]:
-    """Return the fit in which those joints have offsets of every recording whose offsets these do not agree on.
+def with_own_values(fit: TrajectoryFit, columns: list[Array], refit: Refitted) -> tuple[TrajectoryFit, list[Array]]:
+    """Return the fit in which each recording has its own friction and offsets where these do not agree on one.
 
     Parameters
     ----------
@@ -47,19 +47,18 @@ def with_own_offsets(fit: TrajectoryFit, columns: list[Array], refit: Refitted) 
         Fits other unknowns.
     """
     own = fit.unknowns
-    asked = offsets_apart(fit)
-    if asked == own.own_offsets:
+    asked = drives_apart(fit)
+    if asked == own.own:
         return fit, columns
-    unknowns, offsets = replace(own, own_offsets=asked), slice(3, own.drives, len(KINDS))
-    alone = fit.alone[:, offsets]
+    unknowns, alone = replace(own, own=asked), fit.alone[:, : own.drives]
     z = np.append(fit.z[: own.delays.stop], np.zeros(unknowns.count - own.delays.stop))
-    z[unknowns.departures] = unknowns.departing(alone - alone.mean(axis=0))
-    z[offsets] = np.where(np.isin(np.arange(own.robot.n), asked), alone.mean(axis=0), z[offsets])
+    z[unknowns.departures] = unknowns.departing((alone - alone.mean(axis=0)).reshape(len(alone), own.robot.n, -1))
+    z[list(unknowns.owned)] = alone.mean(axis=0)[list(unknowns.owned)]
     try:
-        found, moved = refit(unknowns, fit, z)
+        found, moved = refit(unknowns, fit, unknowns.possible(z))
     except DataError:  # the motion ran away
         return fit, columns
     # more unknowns that leave more lost the motion on their way; fewer may leave a little more
     nearer = float(np.log(fit.equations.size / found.equations.size).sum())
-    least = 0.0 if set(asked) > set(own.own_offsets) else -SPOILT
+    least = 0.0 if set(asked) > set(own.own) else -SPOILT
     return (found, moved) if nearer > least else (fit, columns)

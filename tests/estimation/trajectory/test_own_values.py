@@ -1,4 +1,4 @@
-"""Torque offsets that changed between recordings: each has its own, and nothing else is bent by them."""
+"""Friction and torque offsets that changed between recordings: each has its own, and nothing else is bent by them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import commanded_runs
 from elid_cli.estimation.trajectory.normal_equations import simulated
 from elid_cli.estimation.trajectory.softening import columns_of
-from elid_cli.estimation.trajectory.unknowns import PARAMETERS
+from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
 from elid_cli.model.linearised import Linearised
@@ -26,6 +26,7 @@ from elid_cli.signals.signals import Signals, prepare
 from tests.diagnosis.by_motion import plant
 
 HELD = np.array([0.12, -0.08, 0.05])
+OFFSETS = tuple((joint, KINDS.index("offset")) for joint in range(3))
 TRUE = np.stack([plant.ARMATURE, plant.COULOMB, plant.VISCOUS], axis=1)
 
 
@@ -45,19 +46,19 @@ def _fit(arm: Robot, signals: Signals) -> TrajectoryFit:
 def test_each_recording_has_its_offsets_and_the_rest_is_as_if_they_had_one(tmp_path: Path) -> None:
     arm, signals = _logs(tmp_path, 30, (np.zeros(3), HELD, -0.5 * HELD))
     fit = _fit(arm, signals)
-    assert fit.unknowns.own_offsets == (0, 1, 2)
+    assert fit.unknowns.own == OFFSETS
     assert (fit.above_noise(signals) < 1.1).all()
     assert fit.values[:, :3] == pytest.approx(TRUE, rel=2e-3)
     off = np.array([plant.OFFSET - own for own in (np.zeros(3), HELD, -0.5 * HELD)])
     assert fit.alone[:, 3:12:4] == pytest.approx(off, abs=5e-4)
     assert fit.values[:, 3] == pytest.approx(off.mean(axis=0), abs=5e-4)
-    assert fit.unknowns.departures_of(fit.z).sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
+    assert fit.unknowns.departures_of(fit.z).sum(axis=0) == pytest.approx(np.zeros((3, 4)), abs=1e-12)
 
 
 def test_errors_of_the_rest_are_those_of_recordings_with_one_offset(tmp_path: Path) -> None:
     """One offset for both made them five to fifty times as large."""
     fits = [_fit(*_logs(tmp_path, 40, (np.zeros(3), own))) for own in (np.zeros(3), HELD)]
-    assert [fit.unknowns.own_offsets for fit in fits] == [(), (0, 1, 2)]
+    assert [fit.unknowns.own for fit in fits] == [(), OFFSETS]
     same, own = (fit.unknowns.joint_values(fit.deviation) for fit in fits)
     assert (own[:, :3] < 1.5 * same[:, :3]).all()
     # of two offsets that are known, the mean is known no better than they scatter
@@ -71,7 +72,7 @@ def test_standard_errors_hold_over_seeds(tmp_path: Path, changed: bool) -> None:
         fit = _fit(*_logs(tmp_path, seed, (np.zeros(3), HELD if changed else np.zeros(3))))
         errors = fit.unknowns.joint_values(fit.deviation)[:, :3]
         apart.append((fit.values[:, :3] - TRUE) / errors)
-        assert bool(fit.unknowns.own_offsets) == changed
+        assert bool(fit.unknowns.own) == changed
     assert 0.6 < float(np.sqrt(np.mean(np.square(apart)))) < 1.3
 
 
@@ -95,7 +96,7 @@ def test_a_spring_in_other_poses_is_a_spring_and_no_change_of_offsets(tmp_path: 
     arm, signals = _logs(tmp_path, 60, (np.zeros(3),) * 2, push=lambda q, dq, need: np.array([0.0, 1.5 * q[1], 0.0]))
     found = diagnose_motion(arm, signals, None, ("link_spring",))
     assert [(e.effect, e.joint) for e in found.effects] == [("link_spring", "two")]
-    assert found.fit_after.unknowns.own_offsets == ()
+    assert found.fit_after.unknowns.own == ()
     assert not found.differing
 
 
@@ -130,5 +131,5 @@ def test_what_recordings_show_with_opposite_signs_is_no_effect(tmp_path: Path) -
 def test_identify_says_that_each_recording_has_its_own(tmp_path: Path) -> None:
     arm, signals = _logs(tmp_path, 30, (np.zeros(3), HELD))
     found = identify(arm, signals, EstimateOptions(fit="trajectory"))
-    (said,) = [note for note in found.notes if "torque offsets of" in note]
-    assert "one, two and three are not the same in all recordings" in said
+    (said,) = [note for note in found.notes if "in all recordings" in note]
+    assert said.startswith("torque offset of one, two and three are not the same")
