@@ -13,6 +13,7 @@ from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.decided import late_or_prompt, shows_delays
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.held_loops import refitted
+from elid_cli.estimation.trajectory.own_values import with_own_values_again
 from elid_cli.estimation.trajectory.softening import is_worth, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -27,7 +28,9 @@ def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float],
     """Return the fit with further effects, started from what is known."""
     own = fit.unknowns
     unknowns = replace(own, effects=(*fit.effects, *effects))
-    found = again(fit, unknowns, known_of(fit, unknowns, fit.z[own.amplitudes]), tell)
+    near = _in_shape(fit, unknowns)
+    unknowns = replace(unknowns, own=near.unknowns.own)
+    found = again(near, unknowns, known_of(near, unknowns, near.z[near.unknowns.amplitudes]), tell)
     least = own.joint_values(own.bounds[0])
     none = any(fit.values[effect.joint, 0] <= least[effect.joint, 0] for effect in effects)
     if not none or found.equations.lighter.sum() < STUCK * fit.equations.lighter.sum():
@@ -38,6 +41,21 @@ def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float],
     except DataError:
         return found
     return other if other.equations.lighter.sum() < STUCK * found.equations.lighter.sum() else found
+
+
+def _in_shape(fit: TrajectoryFit, unknowns: Unknowns) -> TrajectoryFit:
+    """Return where a fit of several recordings with further effects starts: in their shapes, with own values again.
+
+    Where friction changed between recordings, the misfit of one value for all bends shapes that are free.
+    """
+    if unknowns.recordings < 2 or len(unknowns.shapes) == len(fit.unknowns.shapes):
+        return fit
+    shaped = replace(unknowns, held=len(unknowns.effects))
+    try:
+        near = again(fit, shaped, known_of(fit, shaped, fit.z[fit.unknowns.amplitudes]))
+    except DataError:
+        return fit
+    return with_own_values_again(near)
 
 
 def known_of(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array:

@@ -76,6 +76,47 @@ def test_standard_errors_hold_over_seeds(tmp_path: Path, changed: bool) -> None:
     assert 0.6 < float(np.sqrt(np.mean(np.square(apart)))) < 1.3
 
 
+def test_friction_that_changed_is_each_recordings_own(tmp_path: Path) -> None:
+    """Of one joint the viscous friction, of another one the Coulomb friction; the other values stay as sure."""
+    arm, logs = plant.robot(tmp_path), []
+    more = np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.08, 0.0])
+    for number in range(2):
+        log = plant.moved(
+            80 + number, 4.0, push=lambda q, dq, need, own=number: own * more[0] * dq,
+            grip=lambda q, dq, need, own=number: own * more[1],
+        )  # fmt: skip
+        logs.append(str(tmp_path / f"log{number}.h5"))
+        write_recording(log, Path(logs[-1]))
+    signals = prepare(read_recording(logs, arm), arm)
+    fit = _fit(arm, signals)
+    assert fit.unknowns.own == ((0, KINDS.index("viscous")), (1, KINDS.index("coulomb")))
+    assert (fit.above_noise(signals) < 1.1).all()
+    alone = np.array([fit.unknowns.joint_values(z)[:, :3] for z in fit.alone])
+    assert alone[0] == pytest.approx(TRUE, rel=5e-3)
+    assert alone[1] == pytest.approx(TRUE + np.stack([np.zeros(3), more[1], more[0]], axis=1), rel=5e-3)
+    said = diagnose_motion(arm, signals, None, ("link_spring",))
+    assert not said.effects
+    assert {(item.name, item.joint) for item in said.differing} == {("fv", "one"), ("fs", "two")}
+
+
+def test_friction_that_changed_does_not_bend_the_shape_of_an_effect(tmp_path: Path) -> None:
+    arm, logs = plant.robot(tmp_path), []
+    for number in range(2):
+        log = plant.moved(
+            82 + number, 4.0, push=lambda q, dq, need: np.array([0.0, 0.0, 0.06]) * dq * np.abs(dq),
+            grip=lambda q, dq, need, own=number: own * np.array([0.0, 0.0, 0.06]),
+        )  # fmt: skip
+        logs.append(str(tmp_path / f"log{number}.h5"))
+        write_recording(log, Path(logs[-1]))
+    found = diagnose_motion(arm, prepare(read_recording(logs, arm), arm), None, ("quadratic_viscous", "link_spring"))
+    (effect,) = found.effects
+    assert (effect.effect, effect.joint) == ("quadratic_viscous", "three")
+    for name, truth in (("amplitude", 0.06), ("power", 2.0)):
+        assert abs(effect.parameters[name] - truth) < 4 * effect.std_error[name]
+        assert effect.std_error[name] < 0.1 * truth
+    assert {(item.name, item.joint) for item in found.differing} == {("fs", "three")}
+
+
 def test_columns_are_the_slopes_of_the_motion(tmp_path: Path) -> None:
     arm, signals = _logs(tmp_path, 30, (np.zeros(3), HELD, -0.5 * HELD))
     fit = _fit(arm, signals)
