@@ -55,7 +55,8 @@ def _in_shape(fit: TrajectoryFit, unknowns: Unknowns) -> TrajectoryFit:
         near = again(fit, shaped, known_of(fit, shaped, fit.z[fit.unknowns.amplitudes]))
     except DataError:
         return fit
-    return with_own_values_again(near)
+    near = with_own_values_again(near)
+    return fit if near.unknowns.own == fit.unknowns.own else near
 
 
 def known_of(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array:

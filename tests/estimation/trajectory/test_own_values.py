@@ -104,7 +104,7 @@ def test_friction_that_changed_does_not_bend_the_shape_of_an_effect(tmp_path: Pa
     for number in range(2):
         log = plant.moved(
             82 + number, 4.0, push=lambda q, dq, need: np.array([0.0, 0.0, 0.06]) * dq * np.abs(dq),
-            grip=lambda q, dq, need, own=number: own * np.array([0.0, 0.0, 0.06]),
+            grip=lambda q, dq, need, own=number: own * np.array([0.0, 0.0, 0.15]),
         )  # fmt: skip
         logs.append(str(tmp_path / f"log{number}.h5"))
         write_recording(log, Path(logs[-1]))
