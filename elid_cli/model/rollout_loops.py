@@ -21,12 +21,23 @@ SAME = 1e-9
 @cache
 def compiled_steps() -> Callable[..., None] | None:
     """Return `steps` compiled, or None where Numba is not installed."""
-    if not has_numba():
-        return None
+    return compiled_with_fading(steps) if has_numba() else None
+
+
+def compiled_with_fading(loops: Callable[..., None]) -> Callable[..., None]:
+    """Return loops compiled that call `faded`.
+
+    Numba keeps them by the date of their own file alone: who changes this one touches `rollout_alone.py`, too.
+    """
+    _register()
+    return compiled(loops, error_model="numpy")
+
+
+@cache
+def _register() -> None:
     from numba.extending import register_jitable
 
     register_jitable(error_model="numpy")(faded)
-    return compiled(steps, error_model="numpy")
 
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls

@@ -9,6 +9,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.model.drives import Drives, Joints, filter_weights
 from elid_cli.model.linearised import Local
+from elid_cli.model.rollout_alone import compiled_steps_alone, steps_alone
 from elid_cli.model.rollout_loops import SWEEPS, compiled_steps, faded
 from elid_cli.model.rollout_loops import steps as plain_steps
 
@@ -18,10 +19,13 @@ FEW = 10
 
 def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float) -> tuple[Array, Array]:
     """Return positions and velocities (N, V, S, L, s), by loops; without Numba those of more than `FEW` by arrays."""
-    take: Callable[..., None] = compiled_steps() or plain_steps
     shape = np.broadcast_shapes(joints.coulomb.shape, part.force.shape[1:])
-    if take is plain_steps and np.prod(shape[:-1]) > FEW:
+    fast = compiled_steps()
+    if fast is None and np.prod(shape[:-1]) > FEW:
         return advance_arrays(part, start, drives, joints, dt)
+    take: Callable[..., None] = fast or plain_steps
+    if shape[-1] == 1:
+        take = compiled_steps_alone() if fast else steps_alone
     x, v = np.empty((2, len(part.force), *shape))
     flat = [values if values.shape == shape else np.broadcast_to(values, shape) for values in (
         joints.inertia, joints.coulomb, joints.viscous, joints.offset, drives.limit, *_fading(joints))]  # fmt: skip

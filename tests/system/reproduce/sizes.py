@@ -28,8 +28,8 @@ LINES = 350
 FOR_THE_FEATURES_OF_0_1 = 22_000
 """Code lines that are aimed at for the features of version 0.1."""
 LATER: dict[str, str] = {
-    "motion under commands, replay": "model/coordinates model/rollout model/rollout_loops model/rollout_steps "
-    "model/linearised model/drives model/runs "
+    "motion under commands, replay": "model/coordinates model/rollout model/rollout_alone model/rollout_loops "
+    "model/rollout_steps model/linearised model/drives model/runs "
     "experiment/replay cli/verbs/replay report/answers/replay report/figures/plots/replayed",
     "trajectory fits": "estimation/trajectory estimation/output_error",
     "diagnosis by motion": "diagnosis/by_motion report/answers/motion_diagnosis",
