@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from elid_cli import diagnosis
 from elid_cli.estimation.identify import Identification, identify
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.robot.files import read_robot
@@ -25,6 +28,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return next((k for k, folder in enumerate(LONG) if place.startswith(folder)), len(LONG))
 
     items.sort(key=rank)
+
+
+def pytest_collection_finish() -> None:
+    """Leave modules and tests, which all stay, out of every later search for garbage."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture
+def diagnosed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let commands after the first one tell what that one found: for tests of what different ones say of one log."""
+    found: list[Any] = []
+    search = diagnosis.diagnose
+
+    def once(*args: Any) -> Any:
+        if not found:
+            found.append(search(*args))
+        return found[0]
+
+    monkeypatch.setattr(diagnosis, "diagnose", once)
 
 
 @pytest.fixture(scope="session")

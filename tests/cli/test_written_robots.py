@@ -44,6 +44,7 @@ def test_a_stiffness_that_the_users_mjcf_cannot_hold_is_said(
     assert "left out: K1, K2: the file's joints are rigid" in out.read_text()
 
 
+@pytest.mark.usefixtures("diagnosed_once")
 def test_a_file_that_could_not_be_written_is_not_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = ROOT / "sample_logs" / "planar2_stribeck.h5"
     good, bad = tmp_path / "found.yaml", tmp_path / "found.urdf"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from elid_cli.estimation.trajectory.nearer import Nearer
 from elid_cli.logs.checks.commanded import UNTOLD
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, prepare
 from tests.diagnosis.by_motion import plant
 
@@ -29,9 +31,14 @@ def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return replace(bare, joints=tuple(replace(joint, transmission="rigid") for joint in bare.joints))
 
 
+@cache
+def moved(seed: int, push: plant.Extra | None, *, rates: bool) -> Recording:
+    return plant.moved(seed, 5.5, push=push, rates=rates, sweep=0.33)
+
+
 def written(folder: Path, name: str, *, rates: bool, seed: int = 3, push: plant.Extra | None = None) -> str:
     """Write a log of drives that are told rates or none, without these."""
-    log = plant.moved(seed, 5.5, push=push, rates=rates, sweep=0.33)
+    log = moved(seed, push, rates=rates)
     commands = {name: values for name, values in log.commands.items() if name != "dq_des"}
     return plant.written(folder, name, replace(log, tau=np.full_like(log.tau, np.nan), dq=None, commands=commands))
 

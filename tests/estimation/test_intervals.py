@@ -188,7 +188,7 @@ def test_the_noise_that_takes_two_answers_apart_is_that_of_their_difference() ->
 
 def test_an_answer_that_is_no_sharper_leaves_the_default_one() -> None:
     # noise that remembers 50 ms, which the likelihood takes for white: errors twice the default's
-    log = coverage.noisy(coverage.motions(PLANAR, 4, 1)[3], 80.0, 0.001, coverage.COLOURS["coloured"], 3)
+    log = coverage.noisy(coverage.motions(PLANAR, 1, 4)[0], 80.0, 0.001, coverage.COLOURS["coloured"], 3)
     usual, result = (found(log, guards=False, accurate=accurate) for accurate in (False, True))
     assert result.estimator == "default"
     assert any("standard errors are 1." in note and "the default's" in note for note in result.notes)

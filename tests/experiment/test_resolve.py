@@ -53,7 +53,7 @@ def question(saved: dict[str, Any], made: Made) -> Question:
 
 @pytest.fixture(scope="module")
 def plan(question: Question) -> Resolution:
-    return resolve(question, ResolveOptions(duration=LONG, starts=12, steps=30))
+    return resolve(question, ResolveOptions(duration=LONG, starts=5, steps=12))
 
 
 def written(folder: Path, content: object) -> Path:

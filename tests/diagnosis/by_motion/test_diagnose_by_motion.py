@@ -196,7 +196,7 @@ def test_motion_without_numba_says_before_it_begins_that_it_is_slow(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, line: tuple[str, ...],
     known: bool,
 ) -> None:  # fmt: skip
-    path, log = robot(tmp_path).source, written(tmp_path, "clean.h5", moved(duration=6.0))
+    path, log = robot(tmp_path).source, written(tmp_path, "clean.h5", moved(duration=1.5))
     pytest.importorskip("numba")
     rollout_loops.compiled_steps()  # kept: the work itself is not made slow here
     monkeypatch.setattr(compiling, "has_numba", lambda: known)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,9 +12,10 @@ import pytest
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.trajectory import identification
+from elid_cli.estimation.trajectory.beside import Beside
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import fit_of
-from elid_cli.estimation.trajectory.late_joints import may_be_late
+from elid_cli.estimation.trajectory.late_joints import may_be_late, with_doubts
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
@@ -35,6 +38,17 @@ def logged(seed: int, late: float) -> Recording:
     told = recording.commands
     tau = told["kp"] * (told["q_des"] - recording.q) + told["kd"] * (told["dq_des"] - recording.dq)
     return replace(recording, tau=tau)
+
+
+@pytest.fixture(scope="module")
+def clean(pendulums: Robot) -> Callable[[int], TrajectoryFit]:
+    """Return fits of logs in which no drive is late, by their seed."""
+
+    def fitted(seed: int) -> TrajectoryFit:
+        log = logged(seed, 0.0)
+        return fit_of(pendulums, prepare(log, pendulums), log)[0]
+
+    return cache(fitted)
 
 
 def errors(fit: TrajectoryFit) -> np.ndarray:
@@ -72,24 +86,28 @@ def test_a_declared_delay_is_fitted_from_its_value_on(pendulums: Robot) -> None:
         assert 0.5 < same.std_error["delay"] / late.std_error["delay"] < 2
 
 
-def test_a_drive_ahead_of_its_commands_is_not_believed(pendulums: Robot) -> None:
-    log = logged(0, 0.0)
-    fit, _ = fit_of(pendulums, prepare(log, pendulums), log)
+def test_a_drive_ahead_of_its_commands_is_not_believed(clean: Callable[[int], TrajectoryFit]) -> None:
+    fit = clean(0)
     later, sure = np.array([0.0, -0.002, 0.002]), np.full(3, 1e-4)
     assert may_be_late(fit, later, sure).tolist() == [True, False, True]
 
 
-def test_no_drive_is_named_late_in_clean_logs(pendulums: Robot) -> None:
+def test_no_drive_is_named_late_in_clean_logs(clean: Callable[[int], TrajectoryFit]) -> None:
     for seed in range(4):
-        log = logged(seed, 0.0)
-        fit, _ = fit_of(pendulums, prepare(log, pendulums), log)
-        assert np.ptp(fit.joint_delays) == 0
+        assert np.ptp(clean(seed).joint_delays) == 0
 
 
 def test_delays_that_are_not_sure_are_in_the_errors(pendulums: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     logs = [logged(seed, 0.001) for seed in (0, 1, 3, 4)]
+    without: list[TrajectoryFit] = []
+
+    def doubted(fit: TrajectoryFit, alone: Beside | None) -> TrajectoryFit:
+        without.append(fit)
+        return with_doubts(fit, alone)
+
+    monkeypatch.setattr(identification, "with_doubts", doubted)
     know = np.array([errors(fit_of(pendulums, prepare(log, pendulums), log)[0]) for log in logs])
-    monkeypatch.setattr(identification, "with_doubts", lambda fit, alone: fit)
-    do_not = np.array([errors(fit_of(pendulums, prepare(log, pendulums), log)[0]) for log in logs])
+    do_not = np.array([errors(fit) for fit in without])
+    assert len(without) == len(logs)
     assert np.sqrt(np.mean(know[:, 0] ** 2)) < 1.7
     assert np.sqrt(np.mean(do_not[:, 0] ** 2)) > 3.0

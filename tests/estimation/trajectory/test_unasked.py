@@ -58,16 +58,28 @@ def found_of(robot: Robot, recording: Recording, **options: object) -> Identific
     return identify(robot, prepare(recording, robot), EstimateOptions(**options))  # type: ignore[arg-type]
 
 
-def test_the_motion_is_fitted_where_the_torque_is_computed(made: tuple[Robot, Recording, str]) -> None:
+@pytest.fixture(scope="module")
+def usual(made: tuple[Robot, Recording, str]) -> Identification:
+    """Return what is found of the log unasked."""
+    return found_of(*made[:2])
+
+
+@pytest.fixture(scope="module")
+def by_torque(made: tuple[Robot, Recording, str]) -> Identification:
+    return found_of(*made[:2], fit="torque")
+
+
+def test_the_motion_is_fitted_where_the_torque_is_computed(
+    made: tuple[Robot, Recording, str], usual: Identification, by_torque: Identification
+) -> None:
     robot, recording, log = made
-    found, asked = found_of(robot, recording), found_of(robot, recording, fit="trajectory")
+    found, asked = usual, found_of(robot, recording, fit="trajectory")
     assert found.estimator == asked.estimator == "trajectory"
     np.testing.assert_array_equal(found.estimate, asked.estimate)
     np.testing.assert_array_equal(found.std_error, asked.std_error)
     assert found.notes[1:] == asked.notes
     assert "computed from commands" in found.notes[0]
     assert all("held so long" in line for line in found.warnings)  # said loudly: friction would be a third larger
-    by_torque = found_of(robot, recording, fit="torque")
     assert by_torque.estimator == "default"
     assert not any("trajectory" in note for note in by_torque.notes)
     # the command line and Python say the same
@@ -76,9 +88,9 @@ def test_the_motion_is_fitted_where_the_torque_is_computed(made: tuple[Robot, Re
 
 
 def test_the_report_shows_the_drives(
-    made: tuple[Robot, Recording, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: tuple[Robot, Recording, str], usual: Identification, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    robot, recording, log = made
+    log = made[2]
     file = str(Path(log).with_name("pendulums.xml"))
     assert main(["identify", log, "--robot", file]) == 0
     said = capsys.readouterr().out
@@ -89,17 +101,15 @@ def test_the_report_shows_the_drives(
         numbers = [float(word) for word in shown[name] if word != "±"]
         assert np.all(np.abs(numbers[::2] - values) < 4.5 * np.array(numbers[1::2])), name
     page = tmp_path / "page.html"
-    assert main(["identify", log, "--robot", file, "--quiet", "--report", str(page)]) == 0
-    capsys.readouterr()
+    assert main(["identify", log, "--robot", file, "--json", "--report", str(page)]) == 0
+    told = json.loads(capsys.readouterr().out)
     shown_page = page.read_text("utf-8")
     assert ">Drives<" in shown_page
     assert "Base parameters" not in shown_page
     assert "12 of drives; bodies are those of the robot file" in " ".join(said.split())
     assert "base parameter" not in said
-    assert main(["identify", log, "--robot", file, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
     assert told["settings"]["trajectory"]["other_bodies"] == {}
-    assert len(told["base_parameters"]) == len(found_of(robot, recording).parameters)
+    assert len(told["base_parameters"]) == len(usual.parameters)
 
 
 def test_least_squares_stand_where_the_file_has_other_bodies_and_nothing_else_is_missing(
@@ -265,7 +275,9 @@ def test_a_robot_that_declares_a_wrong_delay_is_written_with_the_right_one(made:
     assert found.drives["one"]["Ja"]["estimate"] == pytest.approx(plant.ARMATURE[0], rel=0.01)
 
 
-def test_what_is_asked_of_least_squares_keeps_them(made: tuple[Robot, Recording, str], tmp_path: Path) -> None:
+def test_what_is_asked_of_least_squares_keeps_them(
+    made: tuple[Robot, Recording, str], usual: Identification, tmp_path: Path
+) -> None:
     robot, recording, log = made
     assert found_of(robot, recording, offsets=False).estimator == "default"
     ripple = EffectSpec("torque_ripple", "one", {"amplitude": 0.01, "phase": 0.0, "order": 6.0})
@@ -275,12 +287,12 @@ def test_what_is_asked_of_least_squares_keeps_them(made: tuple[Robot, Recording,
     assert found.estimator == "default"
     assert any("has no friction" in note for note in found.notes)
     with pytest.raises(UsageError, match="of the motion"):
-        make_physical(found_of(robot, recording))
+        make_physical(usual)
     line = ["identify", log, "--robot", str(Path(log).with_name("pendulums.xml"))]
     assert main([*line, "--require-independent", "cz1", "--quiet"]) == 0
     # the next motion is for drives that are not known, not for bodies that were held
     saved = tmp_path / "saved.json"
-    saved.write_text(json.dumps(found_of(robot, recording).to_dict(), default=float))
+    saved.write_text(json.dumps(usual.to_dict(), default=float))
     assert read_last(saved, robot).hidden == ()
 
 
@@ -322,20 +334,18 @@ def test_an_offset_that_least_squares_take_for_none_is_no_wrong_gain(tmp_path: P
         assert not any("times what the described bodies need" in line for line in found.warnings)
 
 
-def test_a_loop_that_holds_its_torque_is_told_with_its_size(made: tuple[Robot, Recording, str]) -> None:
-    robot, recording, _ = made
-    found = found_of(robot, recording)
-    (note,) = [line for line in (*found.warnings, *found.notes) if "held so long" in line]
-    period = cast("dict[str, float]", found.settings["trajectory"])["unseen_loop"]
+def test_a_loop_that_holds_its_torque_is_told_with_its_size(usual: Identification) -> None:
+    (note,) = [line for line in (*usual.warnings, *usual.notes) if "held so long" in line]
+    period = cast("dict[str, float]", usual.settings["trajectory"])["unseen_loop"]
     assert period == pytest.approx(plant.DT, rel=0.1)  # slow motion
     assert "computed at the log's rate" in note
     assert f"kp times half of that, up to {plant.KP[0] * period / 2:.2g} N·m·s/rad (one)" in note
     assert f"kd times half of that, up to {plant.KD[0] * period / 2:.2g} kg·m² (one)" in note
 
 
-def test_least_squares_tell_what_a_loop_changes(made: tuple[Robot, Recording, str]) -> None:
+def test_least_squares_tell_what_a_loop_changes(made: tuple[Robot, Recording, str], by_torque: Identification) -> None:
     robot, recording, _ = made
-    loops = [line for line in found_of(robot, recording, fit="torque").warnings if "every millisecond" in line]
+    loops = [line for line in by_torque.warnings if "every millisecond" in line]
     (line,) = loops
     assert f"by {plant.KP[0] * 5e-4:.2g} N·m·s/rad and {plant.KD[0] * 5e-4:.2g} kg·m² (one)" in line
     told = replace(robot, effects=tuple(EffectSpec("held_loop", name, {"period": plant.DT}) for name in plant.NAMES))
