@@ -139,7 +139,10 @@ def rank_of(regressor: np.ndarray) -> int:
     """Return the rank of a regressor (instants, joints, columns), its rows and columns scaled alike."""
     triangles = []
     for row in np.moveaxis(regressor, 1, 0):
-        triangles.append(np.linalg.qr(row / np.abs(row).max(), mode="r"))
+        own = row.any(axis=0)  # a joint does not feel most bodies of a robot with branches
+        triangle = np.linalg.qr(row[:, own] / np.abs(row).max(), mode="r")
+        triangles.append(np.zeros((len(triangle), row.shape[1])))
+        triangles[-1][:, own] = triangle
     whole = np.linalg.qr(np.concatenate(triangles), mode="r")
     norms = np.linalg.norm(whole, axis=0)
     shown = norms > 1e-9 * norms.max()
