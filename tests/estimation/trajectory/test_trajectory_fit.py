@@ -64,6 +64,12 @@ def fitted(robot: Robot, recording: Recording, fit: str = "trajectory") -> Ident
     return identify(robot, prepare(recording, robot), options)
 
 
+@pytest.fixture(scope="module")
+def usual(arm: Robot, clean: Recording) -> Identification:
+    """Return the fit of the first log."""
+    return fitted(bare(arm), logged(clean, 1))
+
+
 def unknowns(found: Identification) -> dict[tuple[str, str], tuple[float, float]]:
     settings = found.settings["trajectory"]
     assert isinstance(settings, dict)
@@ -74,16 +80,17 @@ def unknowns(found: Identification) -> dict[tuple[str, str], tuple[float, float]
     }
 
 
-def test_drive_parameters_are_recovered_from_noisy_positions(arm: Robot, clean: Recording) -> None:
-    found = fitted(bare(arm), logged(clean, 1))
-    known = unknowns(found)
+def test_drive_parameters_are_recovered_from_noisy_positions(
+    arm: Robot, clean: Recording, usual: Identification
+) -> None:
+    known = unknowns(usual)
     for kind, values in TRUTH.items():
         for joint, value in zip(arm.joint_names, values, strict=True):
             assert known[joint, kind][0] == pytest.approx(value, rel=0.03), (joint, kind)
     for joint in arm.joint_names:
         assert known[joint, "offset"][0] == pytest.approx(OFFSET, rel=0.03)
-    assert {n.effect for n in found.nuisances} == {"torque_offset"}
-    written = identified_robot(found)
+    assert {n.effect for n in usual.nuisances} == {"torque_offset"}
+    written = identified_robot(usual)
     assert written.joints[0].parameters["m"] == arm.joints[0].parameters["m"]  # bodies are the file's
     assert replay(written, clean).mean_abs < 1e-4
 
@@ -114,20 +121,21 @@ def test_a_declared_spring_as_stiff_as_the_drive_is_fitted(arm: Robot, place: in
             assert error < 0.2 * value, (joint, kind)
 
 
-def test_another_recording_is_further_off_than_the_mean_of_this_one(arm: Robot, clean: Recording) -> None:
-    told = fitted(bare(arm), logged(clean, 1)).settings["trajectory"]["joint_parameters"]
+def test_another_recording_is_further_off_than_the_mean_of_this_one(usual: Identification) -> None:
+    told = usual.settings["trajectory"]["joint_parameters"]
     for own in (item for joint in told.values() for item in joint.values()):
         t = student_t.ppf(0.975, BLOCKS - 1) / 1.96
         wide = np.sqrt(2 * own["std_error"] ** 2 + (t * own["within_recording"]) ** 2)
         assert own["another_recording"] == pytest.approx(wide, rel=1e-6)
 
 
-def test_what_wanders_within_a_recording_is_told(arm: Robot, clean: Recording) -> None:
+def test_what_wanders_within_a_recording_is_told(arm: Robot, clean: Recording, usual: Identification) -> None:
     quiet = logged(clean, 1)
     warm = {**quiet.commands}
     # a drive whose offset drifts, as commands that drift make it
     warm["q_des"] = quiet.commands["q_des"] + 0.01 * (quiet.t / quiet.t[-1])[:, None]
-    told = [fitted(bare(arm), item).settings["trajectory"] for item in (quiet, replace(quiet, commands=warm))]
+    warmed = fitted(bare(arm), replace(quiet, commands=warm))
+    told = [found.settings["trajectory"] for found in (usual, warmed)]
     for joint, kp in zip(arm.joint_names, (400.0, 150.0), strict=True):
         still, drifting = (own["joint_parameters"][joint]["offset"]["within_recording"] for own in told)
         assert drifting > 10 * still
@@ -166,15 +174,14 @@ def test_a_delay_is_told_from_viscous_friction(arm: Robot, clean: Recording, mon
         assert coarse[key] == pytest.approx(value, rel=1e-3), key
 
 
-def test_bodies_are_held_and_said_to_be(arm: Robot, clean: Recording) -> None:
-    found = fitted(bare(arm), logged(clean, 1))
-    held = [p for p in found.parameters if p.verdict == "refused"]
+def test_bodies_are_held_and_said_to_be(usual: Identification) -> None:
+    held = [p for p in usual.parameters if p.verdict == "refused"]
     assert held
     assert all(p.reason.startswith("held at the robot file's value") for p in held)
-    assert any("--fit trajectory" in note for note in found.notes)
+    assert any("--fit trajectory" in note for note in usual.notes)
 
 
-def test_what_held_bodies_leave_is_no_sufficient_model(arm: Robot, clean: Recording) -> None:
+def test_what_held_bodies_leave_is_no_sufficient_model(arm: Robot, clean: Recording, usual: Identification) -> None:
     described, log = bare(arm), logged(clean, 1)
     joints = tuple(
         replace(j, parameters={k: v * (1.2 if k in ("m", "cx", "cy", "cz") else 1.0) for k, v in j.parameters.items()})
@@ -189,9 +196,8 @@ def test_what_held_bodies_leave_is_no_sufficient_model(arm: Robot, clean: Record
     said = {question: str(answer) for question, answer in answers.items}
     assert said[TRUST].startswith("Not at")
     assert said[MISSING].startswith("Something: ")
-    right = fitted(described, log)
-    assert right.model == "sufficient"
-    answers = identification_report(right, log, "arm.xml").sections[1]
+    assert usual.model == "sufficient"
+    answers = identification_report(usual, log, "arm.xml").sections[1]
     assert isinstance(answers, KeyValues)
     assert str(dict(answers.items)[MISSING]).startswith("Nothing that this log shows")
 
