@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.result import Identification, Verdict
+from elid_cli.estimation.trajectory.differing import errors_alone
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import settled
 from elid_cli.estimation.trajectory.softening import gains_of
@@ -34,6 +35,8 @@ def settings_of(found: Identification, fit: TrajectoryFit, moves: NDArray[np.boo
     errors, between, within = (own.joint_values(part) for part in (fit.deviation, fit.between, fit.within))
     another = own.joint_values(fit.another) if own.recordings == 1 else None
     verdicts = _verdicts(found, fit, errors, moves)
+    alone = {"estimate": fit.alone, "std_error": errors_alone(fit)} if own.own else {}
+    alone = {name: part[:, : own.drives].reshape(len(part), robot.n, -1) for name, part in alone.items()}
 
     def told(joint: int, kind: int) -> dict[str, object]:
         if verdicts[joint][kind] == "refused":
@@ -43,6 +46,8 @@ def settings_of(found: Identification, fit: TrajectoryFit, moves: NDArray[np.boo
             "between_recordings": float(between[joint, kind]), "within_recording": float(within[joint, kind]),
             "another_recording": None if another is None else float(another[joint, kind]),
             "verdict": verdicts[joint][kind],
+            **({"by_recording": {name: part[:, joint, kind].tolist() for name, part in alone.items()}}
+               if (joint, kind) in own.own else {}),
         }  # fmt: skip
 
     return {

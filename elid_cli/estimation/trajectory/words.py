@@ -63,8 +63,8 @@ def own_value_words(fit: TrajectoryFit) -> tuple[str, ...]:
     """Return which friction and offsets are each recording's own, in a sentence; none where there are none."""
     told = owned_words(fit)
     return () if not told else (
-        f"{in_words(told)} are not the same in all recordings: each has its own in the simulated motion; the values "
-        "told, and written, are the means",
+        f"each recording has its own {in_words(told)} in the simulated motion, as one value for all does not fit them; "
+        "the values told, and written, are the means",
     )  # fmt: skip
 
 

@@ -172,5 +172,9 @@ def test_what_recordings_show_with_opposite_signs_is_no_effect(tmp_path: Path) -
 def test_identify_says_that_each_recording_has_its_own(tmp_path: Path) -> None:
     arm, signals = _logs(tmp_path, 30, (np.zeros(3), HELD))
     found = identify(arm, signals, EstimateOptions(fit="trajectory"))
-    (said,) = [note for note in found.notes if "in all recordings" in note]
-    assert said.startswith("torque offset of one, two and three are not the same")
+    (said,) = [note for note in found.notes if "each recording has its own" in note]
+    assert "its own torque offset of one, two and three in the simulated motion" in said
+    told = found.drives["one"]["offset"]
+    assert told["by_recording"]["estimate"] == pytest.approx([0.15, 0.15 - HELD[0]], abs=5e-4)
+    assert all(0 < error < 5e-4 for error in told["by_recording"]["std_error"])
+    assert "by_recording" not in found.drives["one"]["Ja"]
