@@ -18,11 +18,12 @@ CLEAR = 3.0
 
 
 def has_one_sign(fit: TrajectoryFit, place: int) -> bool:
-    """Whether no amplitude of an effect is surely of one sign in one recording and of the other in another one."""
+    """Whether no two recordings surely have an effect whose torques, with all its amplitudes, go against each other."""
     part = fit.unknowns.amplitudes_of(place)
     alone, errors = fit.alone[:, part], errors_alone(fit)[:, part]
-    above, below = ((sign * alone > CLEAR * errors).any(axis=0) for sign in (1, -1))
-    return not (above & below).any()
+    clear = alone[(np.abs(alone) > CLEAR * errors).any(axis=1)]
+    products = clear @ fit.equations.straight.sum(axis=0)[part, part] @ clear.T
+    return bool((products >= 0).all())
 
 
 def common_gain(fit: TrajectoryFit, place: int) -> float:

@@ -40,6 +40,7 @@ from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.errors import DataError
+from elid_cli.estimation.trajectory.changes import CLEARLY, nearer_by
 from elid_cli.estimation.trajectory.first_fits import FirstFit, first_fit
 from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit
 from elid_cli.estimation.trajectory.own_values import with_own_values_again
@@ -176,7 +177,10 @@ def _with(
 def _among_rivals(fit: TrajectoryFit, named: list[Named], known: int) -> tuple[TrajectoryFit, list[Named]]:
     """Return a whole fit, its effects in the forms that do best, and with what does as well."""
     # what a first effect left while its shape was on its way is none of its own
-    fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
+    whole, stay = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
+    # a shape that recordings hardly agree on may wander off on the way: the motion is farther without the effect then
+    lost = len(fit.alone) > 1 and len(stay) < len(named) and nearer_by(fit, whole) > CLEARLY
+    fit, named = (fit, named) if lost else (whole, stay)
     if len(named) > 1:  # the form of one may have been told beside what another one left
         fit, named = in_best_forms(fit, named, _pairs(named), known)
     fit, named, swapped = with_rivals(fit, named, known)

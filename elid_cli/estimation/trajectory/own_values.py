@@ -14,10 +14,12 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.differing import drives_apart
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.memory import has_memory
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 
-SPOILT = 0.02
-"""Sum over the joints of the logarithm by which the error's size may rise where values are one again."""
+SPOILT, CLEARLY = 0.02, 0.2
+"""Sum over the joints of the logarithm by which the error's size may rise where values are one again, and must fall
+where they are apart and more than noise is left."""
 QUICK = 6
 """Most motions of a fit whose slopes are computed."""
 Refitted = Callable[[Unknowns, TrajectoryFit, Array], tuple[TrajectoryFit, list[Array]]]
@@ -58,7 +60,9 @@ def with_own_values(fit: TrajectoryFit, columns: list[Array], refit: Refitted) -
         found, moved = refit(unknowns, fit, unknowns.possible(z))
     except DataError:  # the motion ran away
         return fit, columns
-    # more unknowns that leave more lost the motion on their way; fewer may leave a little more
     nearer = float(np.log(fit.equations.size / found.equations.size).sum())
-    least = 0.0 if set(asked) > set(own.own) else -SPOILT
-    return (found, moved) if nearer > least else (fit, columns)
+    if not set(asked) - set(own.own):  # fewer unknowns may leave a little more
+        return (found, moved) if nearer > -SPOILT else (fit, columns)
+    # where something is missing, values of any kind differ between recordings, and having them apart explains little
+    clear = nearer > CLEARLY or (nearer > 0.0 and not has_memory(found.equations))
+    return (found, moved) if clear else (fit, columns)
