@@ -6,11 +6,11 @@ Springs and other effects of single joints imitate both. A search that knows the
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from elid_cli._types import Array, Progress
+from elid_cli._types import Progress
 from elid_cli.diagnosis.by_motion.carried import kinds_of_loads, load_rivals, other_load_of
 from elid_cli.diagnosis.by_motion.found import Found
 from elid_cli.diagnosis.by_motion.free_bodies import DOUBTED
@@ -18,6 +18,7 @@ from elid_cli.diagnosis.by_motion.gain_twins import with_gain_twins
 from elid_cli.diagnosis.by_motion.loop_gains import damping_gains, damping_gains_of, position_gains, position_gains_of
 from elid_cli.diagnosis.by_motion.poses import BaseAngles, Zeros, tilt_of, zeros_of
 from elid_cli.diagnosis.by_motion.search import Searched, search
+from elid_cli.diagnosis.by_motion.searched_log import SearchedLog
 from elid_cli.diagnosis.by_motion.together import (
     Kind,
     Together,
@@ -44,7 +45,7 @@ from elid_cli.estimation.trajectory.timing_doubts import counting
 from elid_cli.estimation.trajectory.velocity_filters import filters_of, velocity_filters
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.of_drives import TUNED, with_drives
+from elid_cli.model.effects.of_drives import TUNED
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -82,7 +83,7 @@ def searched(
         return plain
     found = plain
     try:
-        log = _Log(signals, runs, declared, only, progress)
+        log = SearchedLog(signals, runs, declared, only, progress)
         found = with_gain_twins(_by_other_bodies(plain, _by_both(plain, log, off), log), before)
         after = counting(aware(found.done.after, found.changes, found.scaled, found.robot), found.shifts)
         return replace(found, done=replace(found.done, before=before, after=after))
@@ -90,43 +91,7 @@ def searched(
         return replace(found, done=replace(found.done, before=before, partial=True))
 
 
-@dataclass(frozen=True)
-class _Log:
-    """What is searched."""
-
-    signals: Signals
-    runs: Sequence[Run]
-    declared: tuple[Sequence[Effect], Sequence[float]]
-    only: Sequence[str]
-    progress: Progress | None
-
-    def searched(self, robot: Robot, start: Array) -> Searched:
-        """Return what a search finds; one that Ctrl-C ends was not compared, and what was found before stands."""
-        done = search(robot, self.runs, start, *self.declared, self.only, self.progress)
-        if done.partial:
-            raise KeyboardInterrupt
-        return done
-
-    def delivering(self, ratio: Array) -> _Log:
-        """Return the log of drives that deliver the computed torque over a ratio, (n,)."""
-        right = with_drives(self.signals, np.zeros(len(ratio)), ratio)
-        return replace(self, signals=right, runs=[run.delivering(ratio) for run in self.runs])
-
-    def changed(self, asked: Together) -> tuple[_Log, Searched]:
-        """Return the log of drives with changes, and what a search with these finds."""
-        other = replace(self, runs=asked.runs)
-        return other, other.searched(asked.robot, asked.fit.values)
-
-    def is_left(self, fit: TrajectoryFit, least: float = DOUBTED) -> bool:
-        """Whether a fit leaves more than the encoders' noise at a joint."""
-        return bool((fit.above_noise(self.signals) >= least).any())
-
-    def may(self, kind: type[Effect]) -> bool:
-        """Whether an effect may be tried."""
-        return not self.only or kind.name in self.only
-
-
-def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
+def _by_both(plain: Found, log: SearchedLog, off: Sequence[LoadScale]) -> Found:
     """Return what a search finds by gains of the drives and by changes: first by what comes nearer.
 
     Or by what leaves less to name beside it, and is no farther.
@@ -147,7 +112,7 @@ def _by_both(plain: Found, log: _Log, off: Sequence[LoadScale]) -> Found:
 
 
 def _gains_first(
-    found: Found, log: _Log, gains: Gains | None, scales: Sequence[LoadScale], asked: Together | None,
+    found: Found, log: SearchedLog, gains: Gains | None, scales: Sequence[LoadScale], asked: Together | None,
     rivals: tuple[Rival, ...],
 ) -> Found:  # fmt: skip
     """Return what a search finds by gains, then by changes; those `asked` for without gains are rivals of these."""
@@ -173,7 +138,7 @@ def _goes_before(asked: Together, gains: Gains, plain: Found) -> bool:
     )
 
 
-def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
+def _by_other_bodies(plain: Found, found: Found, log: SearchedLog) -> Found:
     """Return what a search finds where one other body's masses are off, if that leaves noise alone and the rest not.
 
     Or if it does as well in place of several effects.
@@ -196,7 +161,9 @@ def _by_other_bodies(plain: Found, found: Found, log: _Log) -> Found:
     return replace(other, done=replace(other.done, tried=other.done.tried + found.done.tried))
 
 
-def _by_changes(found: Found, log: _Log, asked: Together | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
+def _by_changes(
+    found: Found, log: SearchedLog, asked: Together | None, rivals: Sequence[Rival]
+) -> tuple[Found, SearchedLog]:
     """Return what a search finds with one change after the other, as long as each comes clearly nearer; the log."""
     first, robot = log, found.robot
     for _ in range(CHANGES):
@@ -214,7 +181,7 @@ def _by_changes(found: Found, log: _Log, asked: Together | None, rivals: Sequenc
     return _together(found, log, first, robot)
 
 
-def _together(found: Found, log: _Log, first: _Log, robot: Robot) -> tuple[Found, _Log]:
+def _together(found: Found, log: SearchedLog, first: SearchedLog, robot: Robot) -> tuple[Found, SearchedLog]:
     """Return what a search finds with the values that several changes have beside each other; the log then.
 
     Parameters
@@ -236,7 +203,9 @@ def _together(found: Found, log: _Log, first: _Log, robot: Robot) -> tuple[Found
     return replace(found, done=done, plain=done.before, robot=both.robot, changes=both.changes), other
 
 
-def _asked_gains(found: Found, log: _Log, off: Sequence[LoadScale]) -> tuple[Found, Gains | None, list[LoadScale]]:
+def _asked_gains(
+    found: Found, log: SearchedLog, off: Sequence[LoadScale]
+) -> tuple[Found, Gains | None, list[LoadScale]]:
     """Return the fit by drives of another torque at the joints that are doubted, and these."""
     may = log.may(effect_that(of_drive="gain"))
     scales = asked_by_motion(found.plain, log.signals, off) if may else list(off)
@@ -244,7 +213,9 @@ def _asked_gains(found: Found, log: _Log, off: Sequence[LoadScale]) -> tuple[Fou
     return found, Gains.of(found.plain, found.done.after, scales, log.signals), scales
 
 
-def _by_gains(found: Found, log: _Log, gains: Gains | None, scales: Sequence[LoadScale]) -> tuple[Found, _Log]:
+def _by_gains(
+    found: Found, log: SearchedLog, gains: Gains | None, scales: Sequence[LoadScale]
+) -> tuple[Found, SearchedLog]:
     """Return what a search finds by drives of another torque, where these come clearly nearer; the log then."""
     before = found.done
     scaled = nearer(before.after, gains, before.named) & log.may(effect_that(of_drive="gain"))
@@ -260,7 +231,7 @@ def _by_gains(found: Found, log: _Log, gains: Gains | None, scales: Sequence[Loa
                    rivals=rivals), log  # fmt: skip
 
 
-def _kinds(found: Found, log: _Log, but: type[Effect] | None = None) -> list[Kind]:
+def _kinds(found: Found, log: SearchedLog, but: type[Effect] | None = None) -> list[Kind]:
     """Return the kinds of changes that have not been found, without one effect's."""
     kinds = [
         (effect_that(turns_gravity=True), Kind(tilt_of, lambda _: BaseAngles(), local=False)),
@@ -288,7 +259,9 @@ def _kinds(found: Found, log: _Log, but: type[Effect] | None = None) -> list[Kin
     return [one for kind, one in kinds if log.may(kind) and kind not in known]
 
 
-def _asked_changes(found: Found, log: _Log, whole: bool = True) -> tuple[Found, Together | None, tuple[Rival, ...]]:
+def _asked_changes(
+    found: Found, log: SearchedLog, whole: bool = True
+) -> tuple[Found, Together | None, tuple[Rival, ...]]:
     """Return the change that brings the motion clearly nearer, with what does as well; None where none does.
 
     Without `whole`, no load.
@@ -313,7 +286,9 @@ def _worth(one: Changed | None, near: TrajectoryFit, found: Found) -> Changed | 
     return None if one is not None and gain and clearly_nearer(found.done.after, one.fit) else one
 
 
-def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[Rival]) -> tuple[Found, _Log]:
+def _by_asked(
+    found: Found, log: SearchedLog, asked: Together | None, rivals: Sequence[Rival]
+) -> tuple[Found, SearchedLog]:
     """Return what a search finds with changes, where they come clearly nearer; the log then."""
     if asked is None:
         return found, log
@@ -338,7 +313,9 @@ def _by_asked(found: Found, log: _Log, asked: Together | None, rivals: Sequence[
                    gains=None, rivals=(*found.rivals, *rivals), shifts=shifts), other  # fmt: skip
 
 
-def _nearer_yet(found: Found, log: _Log, asked: Together, done: Searched) -> Iterator[tuple[Together, Sequence[Rival]]]:
+def _nearer_yet(
+    found: Found, log: SearchedLog, asked: Together, done: Searched
+) -> Iterator[tuple[Together, Sequence[Rival]]]:
     """Yield a change as it is beside what a search found with it, and one that may hide others with what that is.
 
     With the latter, what does as well.

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis.by_motion import whole_robot
+from elid_cli.diagnosis.by_motion import searched_log, whole_robot
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.diagnosis.by_motion.poses import BaseAngles
 from elid_cli.estimation.identify import EstimateOptions, identify
@@ -148,14 +148,14 @@ def test_a_tilt_that_brings_the_joints_hardly_nearer_is_not_searched_with(
 
     fit = SimpleNamespace(values=None, unknowns=SimpleNamespace(robot=None), **vars(leaving(*np.full(joints, error))))
     turned = Turned(BaseAngles(), np.array([0.1, 0.0]), np.array([0.001, np.inf]), SimpleNamespace(n=joints), fit)  # type: ignore[arg-type]
-    monkeypatch.setattr(whole_robot, "search", search)
+    monkeypatch.setattr(searched_log, "search", search)
     monkeypatch.setattr(whole_robot, "tilt_of", lambda _: turned)
     for other in ("zeros_of", "late_joints", "integral_terms", "velocity_filters", "position_gains", "damping_gains"):
         monkeypatch.setattr(whole_robot, other, lambda *_: None)
     monkeypatch.setattr(whole_robot, "kinds_of_loads", lambda _: [])
     none = np.zeros(joints, dtype=bool)
     found = whole_robot.Found(Done(plain), plain, None, np.ones(joints), none, (), None, None)  # type: ignore[arg-type]
-    log = whole_robot._Log(None, [], ([], []), (), None)  # type: ignore[arg-type]
+    log = searched_log.SearchedLog(None, [], ([], []), (), None)  # type: ignore[arg-type]
     found, change, rivals = whole_robot._asked_changes(found, log)
     found, _ = whole_robot._by_asked(found, log, change, rivals)
     assert not found.changes

@@ -56,7 +56,7 @@ def test_each_recording_has_its_offsets_and_the_rest_is_as_if_they_had_one(tmp_p
 
 
 def test_errors_of_the_rest_are_those_of_recordings_with_one_offset(tmp_path: Path) -> None:
-    """One offset for both made them five to fifty times as large."""
+    """One offset for both made them 78 to 250 times as large."""
     fits = [_fit(*_logs(tmp_path, 40, (np.zeros(3), own))) for own in (np.zeros(3), HELD)]
     assert [fit.unknowns.own for fit in fits] == [(), OFFSETS]
     same, own = (fit.unknowns.joint_values(fit.deviation) for fit in fits)
