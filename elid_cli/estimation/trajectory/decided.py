@@ -92,7 +92,9 @@ def fit_with_columns(
     *, late: bool = True, soft: bool = True, tell: Callable[[float], None] | None = None,
 ) -> tuple[TrajectoryFit, list[Array]]:  # fmt: skip
     """Return the fit of `fit_trajectory`, and how its stretches' positions change with the unknowns, (N, n, U) each."""
-    unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs), len(effects))
+    unknowns = Unknowns(
+        robot, tuple(effects), 1 + max(run.source for run in runs), len(effects), spans=_covered(robot, runs[0])
+    )
     z = started(unknowns, start, amplitudes)
     fit, columns = late_or_prompt(unknowns, [Tracked.of(run) for run in runs], z, late=late, tell=tell)
     if _lost(fit, start):
@@ -114,6 +116,11 @@ def fit_with_columns(
     if _lost(softer, start):
         softer = _found_again(softer, fit, _plausible(fit, start), refit)
     return softer, columns if softer is fit else columns_of(softer)
+
+
+def _covered(robot: Robot, run: Run) -> tuple[float, ...]:
+    """Return what every motor's angle covers in the stretch by which effects are judged, rad (m)."""
+    return tuple(np.ptp(run.near[:, coordinates_of(robot).motors], axis=0).tolist())
 
 
 def _fitted_again(

@@ -48,6 +48,9 @@ class Unknowns:
     own: tuple[tuple[int, int], ...] = ()
     """Joint and kind (of `KINDS`) of every drive parameter that is each recording's own: it changed between them."""
 
+    spans: tuple[float, ...] = ()
+    """rad (m); what every motor's angle covers, where known: bounds of shapes follow from it."""
+
     @property
     def drives(self) -> int:
         """Number of drive parameters, 4 n."""
@@ -196,6 +199,16 @@ class Unknowns:
     def _forms(self) -> list[Parameter]:
         return [self.effects[number].shapes[place] for number, place in self.shapes]
 
+    @property
+    def _least_shapes(self) -> list[float]:
+        found = []
+        for (number, place), form in zip(self.shapes, self._forms, strict=True):
+            effect = self.effects[number]
+            # one that began below keeps its place: a file may declare what another log showed
+            least = effect.least(self.spans[effect.joint])[place] if self.spans else form.low
+            found.append(least if effect.shape[place] >= least else form.low)
+        return found
+
     @cached_property
     def together(self) -> tuple[NDArray[np.intp], ...]:
         """Unknowns that vary side by side: one of every chain of joints, as chains do not move each other.
@@ -241,7 +254,7 @@ class Unknowns:
         low[0 : self.drives : len(KINDS)] = 1e-6
         low[1 : self.drives : len(KINDS)] = 0.0
         shapes = slice(self.amplitudes.stop, self.delays.start)
-        low[shapes], high[shapes] = [form.low for form in self._forms], [form.high for form in self._forms]
+        low[shapes], high[shapes] = self._least_shapes, [form.high for form in self._forms]
         low[self.delays], high[self.delays] = -LATEST, LATEST
         return low, high
 

@@ -294,6 +294,11 @@ class Effect(ABC):
         specs = (*cls.amplitudes, *cls.shapes)
         return all(p.low <= values[p.name] <= p.high for p in specs if p.name in values)
 
+    @classmethod
+    def least(cls, span: float) -> tuple[float, ...]:
+        """Return the least shape that a joint can show whose angle, rad (m), covers `span`."""
+        return tuple(parameter.low for parameter in cls.shapes)
+
     def grown(self, coefficients: Array) -> Effect:
         """Return the effect with what its shape takes from its own amplitudes (d,)."""
         return self
