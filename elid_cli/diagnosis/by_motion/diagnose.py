@@ -12,12 +12,13 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.carried import may_carry
 from elid_cli.diagnosis.by_motion.each_alone import beyond, each_alone
+from elid_cli.diagnosis.by_motion.effects_of_fit import effects_of_fit
 from elid_cli.diagnosis.by_motion.free_bodies import with_free_bodies
 from elid_cli.diagnosis.by_motion.other_forms import Forms, other_forms
 from elid_cli.diagnosis.by_motion.poses import effects_of
 from elid_cli.diagnosis.by_motion.raised_limits import raised_limits
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
-from elid_cli.diagnosis.by_motion.search import ALIKE, Searched
+from elid_cli.diagnosis.by_motion.search import ALIKE
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.timed_again import timed_again
 from elid_cli.diagnosis.by_motion.told_again import told_otherwise
@@ -25,7 +26,6 @@ from elid_cli.diagnosis.by_motion.torque_gains import CHECK, found_gains, gain_r
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.by_motion.whole_robot import searched
-from elid_cli.diagnosis.form_errors import in_forms
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.identify import identify
@@ -39,7 +39,7 @@ from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.changes import nearer_by
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
-from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
+from elid_cli.estimation.trajectory.found_effects import scene_of_fit
 from elid_cli.estimation.trajectory.identification import commanded_runs, declared_along, identification_of
 from elid_cli.estimation.trajectory.late_joints import believed
 from elid_cli.estimation.trajectory.simulator_steps import is_timed, runs_in_time
@@ -169,7 +169,7 @@ def diagnose_motion(
     return MotionDiagnosis(
         described, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        (*of_limits, *of_changes, *of_gains, *_effects(described, after, done, len(effects), forms)),
+        (*of_limits, *of_changes, *of_gains, *effects_of_fit(described, after, done, len(effects), forms)),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals,
          *(r for r in whole.rivals if (r.effect, r.joint) not in {(e.effect, e.joint) for e in of_changes}),
          *_bodies_for(of_gains, done.before)),
@@ -231,31 +231,6 @@ def _check_only(robot: Robot, names: Sequence[str]) -> None:
             detail=f"it is searched for {listed}",
             hint="--lookup judges by the computed torque, which is searched for all effects",
         )
-
-
-def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int, forms: Forms) -> tuple[FoundEffect, ...]:
-    values, effects = fitted_effects(robot, fit)[declared:], fit.effects[declared:]
-    softer = [done.softer[effect.joint] for effect in effects if effect.softens]
-    limiting = effect_that(of_drive="limit")
-    (limit,) = limiting.shapes
-    limits = (
-        FoundEffect(limiting.name, robot.joint_names[item.joint], {limit.name: item.limit},
-                    {limit.name: item.deviation}, item.gain, _of_limit(robot.torque_limits[item.joint], item.limit))
-        for item in done.limits
-    )  # fmt: skip
-    found = [
-        FoundEffect(effect.name, own.joint, own.parameters, own.std_error, gain, effect.summary)
-        for effect, own, gain in zip(effects, values, (*softer, *(item.gain for item in done.named)), strict=True)
-    ]
-    first = len(softer)
-    return (*limits, *(in_forms(own, forms.told.get(k - first, ())) for k, own in enumerate(found)))
-
-
-def _of_limit(described: float, found: float) -> str:
-    """Return what a limit of torque is beside that of the robot file, N·m (N)."""
-    if described < found:
-        return f"the drive delivers more than the {described:g} of the robot file, and no more than this"
-    return effect_that(of_drive="limit").summary
 
 
 def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, ...]:

@@ -25,6 +25,8 @@ LATEST = 0.05
 """s; most that the motion is taken to be late, or early, against the commands."""
 BENDING = 2e-3
 """Part of a shape by which its variant differs: an order of 30 turns a torque's phase with every hundredth of it."""
+CLOSE = 1e-6
+"""Part by which a shape may be above its bound and count as being there."""
 STEP = 0.05
 """Part of a value, and of the usual size where it is small, by which variants differ."""
 USUAL = (3e-3, 3e-3)
@@ -198,6 +200,17 @@ class Unknowns:
     @property
     def _forms(self) -> list[Parameter]:
         return [self.effects[number].shapes[place] for number, place in self.shapes]
+
+    def least_of(self, place: int, z: Array) -> tuple[str, ...]:
+        """Return the names of one effect's shapes that unknowns (U,) have at the least that the angle covered shows."""
+        at, own = self.shapes_of(place)
+        effect = self.effects[place]
+        low = self.bounds[0][at]
+        return tuple(
+            effect.shapes[k].name
+            for k, value, least in zip(own, z[at].tolist(), low.tolist(), strict=True)
+            if effect.shapes[k].low < least and value <= least * (1.0 + CLOSE)
+        )
 
     @property
     def _least_shapes(self) -> list[float]:
