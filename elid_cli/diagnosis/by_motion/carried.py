@@ -158,19 +158,19 @@ def load_of(before: TrajectoryFit) -> Changed | None:
     Of several branches, that with which the motion comes nearest. A mass on the joint's own axis is no load: those of
     the bodies before look the same.
     """
-    robot, bodies = before.unknowns.robot, last_bodies(before.unknowns.robot)
-    if len(bodies) > 1:  # branches do not move each other: a first step tells which one it is
-        loads = {body: load_by(robot, body) for body in bodies}
-        steps = {body: _first_step(before, by) for body, by in loads.items() if by.kept and by.size > 0}
-        bodies = [max(steps, key=lambda body: steps[body])] if steps else []
-    return _nearest(before, bodies)
+    bodies = last_bodies(before.unknowns.robot)
+    return _nearest(before, bodies if len(bodies) == 1 else _best_by_a_step(before, bodies))
 
 
 def other_load_of(before: TrajectoryFit) -> Changed | None:
     """Return that of the other body with which the motion comes nearest; None where it asks for none."""
     robot = before.unknowns.robot
     last = {body % robot.n for body in last_bodies(robot)}
-    return _nearest(before, [body for body in reversed(range(robot.n)) if body not in last])
+    others = [body for body in reversed(range(robot.n)) if body not in last]
+    if len(last) > 1:  # of robots with branches, those of one
+        roots = {robot.ancestors[best][0] for best in _best_by_a_step(before, others)}
+        others = [body for body in others if robot.ancestors[body][0] in roots]
+    return _nearest(before, others)
 
 
 def last_bodies(robot: Robot) -> list[int]:
@@ -182,6 +182,16 @@ def last_bodies(robot: Robot) -> list[int]:
 def may_carry(robot: Robot) -> bool:
     """Whether loads of a robot are looked at: it has weight."""
     return any(robot.gravity)
+
+
+def _best_by_a_step(before: TrajectoryFit, bodies: Sequence[int]) -> list[int]:
+    """Return the body whose load lowers the error most in a first step; none where no load is felt.
+
+    Branches do not move each other: it tells which one it is.
+    """
+    loads = {body: load_by(before.unknowns.robot, body) for body in bodies}
+    steps = {body: _first_step(before, by) for body, by in loads.items() if by.kept and by.size > 0}
+    return [max(steps, key=lambda body: steps[body])] if steps else []
 
 
 def _first_step(before: TrajectoryFit, by: Carried) -> float:

@@ -309,6 +309,32 @@ def test_no_tool_is_told_where_there_is_none_and_a_wrong_mass_of_another_body_is
     assert replay(found.refined, moved(4, 0.0, 4.0)).mean_abs < 2e-4
 
 
+def test_a_wrong_mass_of_an_inner_body_is_told_at_the_arm_that_has_it(tmp_path: Path) -> None:
+    """Of two arms on one base: all inner bodies are not fitted one after the other."""
+    sides = [moved(3, 0.0, 5.0), moved(5, 0.0, 5.0)]
+    path, file = tmp_path / "arms.xml", Path(described(tmp_path).source).read_text()
+    body = file[file.index("<body") : file.index("</worldbody>")]
+    mass = f'mass="{MASSES[0]}"'
+    arms = [body, body.replace(mass, f'mass="{2 * MASSES[0]}"')]
+    for side, names in enumerate((("upper", "fore"), ("other_upper", "other_fore"))):
+        for name, other in zip(NAMES, names, strict=True):
+            arms[side] = arms[side].replace(f'joint name="{name}"', f'joint name="{other}"')
+        arms[side] = arms[side].replace('body name="', f'body name="{["left", "right"][side]}_')
+    path.write_text(file.replace(body, "".join(arms)))
+    robot = read_robot(path)
+    assert mass in file
+    q, wanted, kp, kd = (np.concatenate(parts, axis=1) for parts in zip(*(
+        (side.q, *(side.commands[name] for name in ("q_des", "kp", "kd"))) for side in sides
+    ), strict=True))  # fmt: skip
+    both = replace(sides[0], joints=robot.joint_names, q=q, theta=q, tau=np.full_like(q, np.nan),
+                   commands={"q_des": wanted, "kp": kp, "kd": kd})  # fmt: skip
+    log = written(tmp_path, both)
+    found = diagnose_motion(robot, prepare(read_recording([log], robot), robot))
+    assert [(e.effect, e.joint) for e in found.effects] == [("payload", "other_upper")]
+    (effect,) = found.effects
+    assert abs(effect.parameters["cz"] - MASSES[0] * CENTRES[0]) < 4 * effect.std_error["cz"]
+
+
 def test_of_several_arms_the_one_that_carries_is_told(tmp_path: Path) -> None:
     """Pendulums beside each other are branches of a tree: the file of one of them lacks a load off its centre line."""
     path = tmp_path / "lacking.xml"
