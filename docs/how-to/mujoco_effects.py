@@ -98,7 +98,7 @@ class Effects:
             law = LAWS.get(e["effect"])
             size = law(e["parameters"], v, x, np.tanh(v / width), bend, rate, load, torque) if law else e["offset"]
             if e["as"] == "friction":
-                friction[own] += size / abs(turns)
+                friction[own] += (size - e.get("in_dynamic_friction", 0.0)) / abs(turns)
             elif e["at"] == "spring":
                 data.qfrc_passive[dof] -= size
                 data.qfrc_passive[own] += size / turns

@@ -25,8 +25,10 @@ from elid_cli.files import check_target, write_text
 if TYPE_CHECKING:
     from elid_cli.cli.options import Files, Output
     from elid_cli.estimation.judgement import JointError
+    from elid_cli.estimation.mean_friction import MeanFriction
     from elid_cli.estimation.result import Identification
     from elid_cli.robot.robot import EffectSpec, Robot
+    from elid_cli.signals.signals import Signals
 
 
 def check_described(files: Files) -> None:
@@ -59,6 +61,7 @@ def write_found(
     error: Mapping[str, JointError],
     again: Callable[[Robot, bool], Identification],
     output: Output,
+    log: Callable[[], Signals | None],
 ) -> Written:
     """Write an identified robot to files, and say on stderr what they hold that was not found, or do not hold.
 
@@ -78,14 +81,18 @@ def write_found(
         Identifies again, for a robot without effects (``--drop-effects``); with a delay of the drives or without.
     output
         Whether notes are wanted.
+    log
+        Returns the log's signals: what of a friction a file without it holds is its mean along them.
     """
     from dataclasses import replace
 
+    from elid_cli.estimation.mean_friction import with_mean_friction
     from elid_cli.estimation.refined_robot import impossible_words
 
     note([said for said in impossible_words(found) if said in remarks], output, "warning")
     refined = _with_given_gains(refined)
     told, told_of = found, refined
+    means = _means(refined, files, log)
     nuisances = {(item.effect, item.joint) for item in found.nuisances}
     written: list[str] = []
     refusals: list[ElidError] = []
@@ -94,12 +101,13 @@ def write_found(
         late = foreign(path) and _late(found) and files.write_actuators is None
         lost = [spec for spec in beyond if (spec.effect, spec.joint) not in nuisances and not _beside(spec, files)]
         held = [s for s in beyond if s not in lost]
-        said = [*without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files)]
+        said = [*without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files, means)]
         note([f"{path}: {sentence}" for sentence in said], output, "left out")
         in_file = [f"left out: {sentence}" for sentence in said]
         try:
             if not lost and not late:
-                write_described(refined, path, [*remarks, *in_file])
+                of_format = with_mean_friction(refined, means) if foreign(path) else refined
+                write_described(of_format, path, [*remarks, *in_file])
             elif lost and not files.drop_effects:
                 raise _refused(path, lost)
             else:
@@ -108,7 +116,9 @@ def write_found(
                     "the delay of the drives" if late else "",
                 )  # fmt: skip
                 channel = _nuisances()
+                means = _means(told_of, files, log)
                 plain = replace(told_of, effects=tuple(s for s in told_of.effects if s.effect not in channel))
+                plain = with_mean_friction(plain, means) if foreign(path) else plain
                 note([f"{path}: {sentence}" for sentence in cost], output, "left out")
                 write_described(plain, path, [*remarks[:1], f"left out: {cost[0]}", *cost[1:], *in_file])
         except ElidError as refusal:
@@ -117,7 +127,7 @@ def write_found(
             written.append(path)
             note([f"{path}: {sentence}" for sentence in other_limits(refined, path)], output, "left out")
     if files.write_actuators is not None:  # of the fit whose values the robot file holds
-        _write_actuators(told, told_of, files.write_actuators)
+        _write_actuators(told, told_of, files.write_actuators, means)
     return Written(tuple(written), refusals[0] if refusals else None)
 
 
@@ -134,11 +144,22 @@ def _with_given_gains(robot: Robot) -> Robot:
     return replace(robot, control=control)
 
 
-def _write_actuators(found: Identification, refined: Robot, path: str) -> None:
+def _means(refined: Robot, files: Files, log: Callable[[], Signals | None]) -> tuple[MeanFriction, ...]:
+    """Return the mean frictions of the effects that the file of actuators holds beside a robot file without them."""
+    from elid_cli.estimation.mean_friction import mean_friction
+
+    paths = [path for path in files.write_robot if foreign(path)]
+    specs = [s for path in paths[:1] for s in beyond_format(refined, path) if _beside(s, files)]
+    signals = log() if specs else None
+    return () if signals is None else mean_friction(refined, signals, specs)
+
+
+def _write_actuators(found: Identification, refined: Robot, path: str, means: Sequence[MeanFriction]) -> None:
     from elid_cli.estimation.actuator_text import actuator_text
     from elid_cli.estimation.actuators import actuators_of
 
-    write_text(path, actuator_text(actuators_of(found, refined), yaml=Path(path).suffix.lower() in (".yaml", ".yml")))
+    actuators = actuators_of(found, refined, means)
+    write_text(path, actuator_text(actuators, yaml=Path(path).suffix.lower() in (".yaml", ".yml")))
 
 
 def _beside(spec: EffectSpec, files: Files) -> bool:
@@ -149,7 +170,7 @@ def _beside(spec: EffectSpec, files: Files) -> bool:
     return files.write_actuators is not None and bool(kind.acts_as or kind.nuisance == "delay")
 
 
-def _elsewhere(held: Sequence[EffectSpec], files: Files) -> list[str]:
+def _elsewhere(held: Sequence[EffectSpec], files: Files, means: Sequence[MeanFriction]) -> list[str]:
     """Return in words where effects are that a robot file does without: in the file of actuators, or nowhere."""
     if not held:
         return []
@@ -158,7 +179,11 @@ def _elsewhere(held: Sequence[EffectSpec], files: Files) -> list[str]:
              for name, count in counts.items()]  # fmt: skip
     where = files.write_actuators
     told = f"{Path(where).name} holds it" if where is not None else "--write-actuators FILE.json holds it"
-    return [f"{', '.join(words)}: {told if len(held) == 1 else told.replace('holds it', 'holds them')}"]
+    dry = [f"{item.mean:.3g} ({item.effect.joint})" for item in means]
+    return [
+        f"{', '.join(words)}: {told if len(held) == 1 else told.replace('holds it', 'holds them')}",
+        *([f"the dry friction of this file holds its mean along the log: {', '.join(dry)}"] if dry else []),
+    ]
 
 
 def _refused(path: str, lost: Sequence[EffectSpec]) -> UsageError:

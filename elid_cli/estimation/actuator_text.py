@@ -18,7 +18,9 @@ from elid_cli.robot.yaml import emit
 ABOUT = (
     "Actuators identified by elid, at the joint, SI. null: not shown by the log, see remarks. The values go with the "
     "robot file of the same run. friction is static, dynamic_friction is Coulomb's; an offset is torque commanded or "
-    "logged beyond what acts. effects: torques beyond these; as friction they add to the dynamic one."
+    "logged beyond what acts. effects: torques beyond these; as friction they add to the "
+    "dynamic one, but for what of them it holds already "
+    "(in_dynamic_friction, N·m)."
 )
 
 
@@ -45,7 +47,7 @@ def _data(found: Actuators) -> dict[str, Any]:
         "gear_ratio": {joint.name: joint.gear_ratio for joint in robot.joints if joint.gear_ratio is not None},
         **({"rotors": {name: list(rotor) for name, rotor in robot.rotors.items()}} if robot.rotors else {}),
         "direction_width": dict(zip(of, widths, strict=True)),
-        "effects": [_effect(robot, spec) for spec in found.effects],
+        "effects": [_effect(robot, spec, found.held_of(spec)) for spec in found.effects],
     }
 
 
@@ -71,7 +73,7 @@ def _units(quantity: Quantity, robot: Robot) -> str | dict[str, str]:
     return next(iter(units.values())) if len(set(units.values())) == 1 else units
 
 
-def _effect(robot: Robot, spec: EffectSpec) -> dict[str, Any]:
+def _effect(robot: Robot, spec: EffectSpec, held: float) -> dict[str, Any]:
     kind = effect_classes()[spec.effect]
     return {
         "effect": spec.effect,
@@ -81,4 +83,5 @@ def _effect(robot: Robot, spec: EffectSpec) -> dict[str, Any]:
         "at": kind.place,
         "in_mjcf": is_held(robot, spec) or is_soft_in_mjcf(robot, spec),
         "equation": kind.equation,
+        **({"in_dynamic_friction": held} if held else {}),
     }

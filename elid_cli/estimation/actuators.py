@@ -7,12 +7,13 @@ the joint.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from elid_cli.estimation.mean_friction import MeanFriction, with_mean_friction
 from elid_cli.estimation.result import Identification, Verdict
 from elid_cli.estimation.validation.verdicts import REFUSED, WEAK
 from elid_cli.model.effects.breakaway import breakaway
@@ -65,9 +66,15 @@ class Actuators:
     """Quantity -> joint -> value; a quantity that no joint has is left out."""
     effects: tuple[EffectSpec, ...]
     """Effects of the robot but offsets and delays, which are values."""
+    means: tuple[MeanFriction, ...] = ()
+    """What of their friction the Coulomb friction holds, N·m (N)."""
+
+    def held_of(self, spec: EffectSpec) -> float:
+        """Return what of an effect's friction the Coulomb friction holds, N·m (N)."""
+        return sum(item.mean for item in self.means if item.effect == spec)
 
 
-def actuators_of(found: Identification, written: Robot) -> Actuators:
+def actuators_of(found: Identification, written: Robot, means: Sequence[MeanFriction] = ()) -> Actuators:
     """Return the actuators of an identified robot.
 
     Parameters
@@ -75,15 +82,19 @@ def actuators_of(found: Identification, written: Robot) -> Actuators:
     found
         The identification, whose errors and verdicts count.
     written
-        The robot with what was found, as ``--write-robot`` writes it.
+        The robot with what was found.
+    means
+        What of its effects' friction a robot file without them holds as Coulomb friction, N·m (N).
     """
     errors = _errors_given_bodies(found)
     values = {quantity: _standard(found, written, errors, kinds) for quantity, kinds in KINDS.items()}
-    values["friction"] = _static(found, written, values["dynamic_friction"])
+    values["friction"] = _static(found, written, values["dynamic_friction"], means)
+    values["dynamic_friction"] |= _with_means(written, values["dynamic_friction"], means)
     values["offset"] = _of_channel(found, written, "offset")
     values["delay"] = _of_channel(found, written, "delay")
     effects = tuple(spec for spec in written.effects if resolve(written, spec)[0].nuisance not in ("offset", "delay"))
-    return Actuators(written, {quantity: values[quantity] for quantity in UNITS if values[quantity]}, effects)
+    return Actuators(written, {quantity: values[quantity] for quantity in UNITS if values[quantity]}, effects,
+                     tuple(item for item in means if item.effect in effects))  # fmt: skip
 
 
 def _standard(
@@ -151,14 +162,29 @@ def _errors_given_bodies(found: Identification) -> dict[StandardParameter, float
     return {name: float(e) for name, e in zip((n for n, s in zip(names, seen, strict=True) if s), errors, strict=True)}
 
 
-def _static(found: Identification, written: Robot, dynamic: Mapping[str, Value]) -> dict[str, Value]:
+def _with_means(written: Robot, dynamic: Mapping[str, Value], means: Sequence[MeanFriction]) -> dict[str, Value]:
+    """Return the Coulomb frictions of the joints that have effects whose mean friction they hold."""
+    held, found = with_mean_friction(written, means), {}
+    for name, value in dynamic.items():
+        own = [item.effect.effect for item in means if item.effect.joint == name]
+        if own and value.value is not None:
+            total = held.joints[written.joint_names.index(name)].parameters["fs"]
+            words = f"with the mean of {' and '.join(own)} along the log, {total - value.value:.3g}"
+            found[name] = replace(value, value=total, why="; ".join(word for word in (value.why, words) if word))
+    return found
+
+
+def _static(
+    found: Identification, written: Robot, dynamic: Mapping[str, Value], means: Sequence[MeanFriction]
+) -> dict[str, Value]:
     """Return the friction at rest: Coulomb's, and what effects add to it at no speed."""
     errors: dict[tuple[str, str | None], list[Mapping[str, float]]] = {}
     for item in found.effects:  # a joint may have several of one kind, in the same order
         errors.setdefault((item.effect, item.joint), []).append(item.std_error)
     result = dict(dynamic)
     for spec in written.effects:
-        more = breakaway(written, spec)
+        known_mean = [item.at_rest for item in means if item.effect == spec]
+        more = known_mean[0] if known_mean else breakaway(written, spec)
         of_kind = errors.get((spec.effect, spec.joint), [])
         known = of_kind.pop(0) if of_kind else {}
         name = spec.joint or written.joint_names[0]

@@ -15,6 +15,7 @@ import yaml
 from elid_cli.cli import main
 from elid_cli.estimation.actuator_text import actuator_text
 from elid_cli.estimation.actuators import Actuators, Value
+from elid_cli.experiment.replay.actuators import with_actuators
 from elid_cli.experiment.simulation import SimulationOptions, simulate
 from elid_cli.files import write_text
 from elid_cli.logs.writing import write_recording
@@ -61,6 +62,38 @@ def test_values_are_the_robots_with_errors_and_units(drives: tuple[Path, Path, R
     assert "transmission_stiffness" not in told["actuators"]
     # the rotor of the first joint shows with its body's inertia only, and the file says so
     assert "go with the bodies" in told["remarks"]["armature"]["joint1"]
+
+
+def test_an_mjcf_holds_the_mean_of_a_friction_that_it_has_no_place_for(
+    drives: tuple[Path, Path, Robot], tmp_path: Path
+) -> None:
+    """Its friction by angle takes more than half of Coulomb's on the whole."""
+    friction = EffectSpec("position_friction", "joint1", {"amplitude": 0.25, "phase": -1.6, "order": 0.7})
+    truth = replace(drives[2], effects=(friction,))
+    recording = simulate(truth, SimulationOptions(duration=6.0, rate=500.0, seed=3))
+    log, robot = tmp_path / "log.h5", tmp_path / "arm.yaml"
+    write_recording(recording, log)
+    write_robot(truth, robot)
+    files = {kind: tmp_path / f"found.{kind}" for kind in ("xml", "yaml", "json")}
+    line = ["identify", str(log), "--robot", str(robot), "--quiet", "--write-robot", str(files["xml"])]
+    assert main([*line, "--write-robot", str(files["yaml"]), "--write-actuators", str(files["json"])]) == 0
+    whole, alone = read_robot(files["yaml"]), read_robot(files["xml"])
+    (own,) = (spec for spec in whole.effects if spec.effect == friction.effect)
+    moving = np.abs(np.gradient(recording.theta[:, 0], recording.dt)) > 0.05
+    p = own.parameters
+    mean = float((p["amplitude"] * np.sin(p["order"] * recording.theta[moving, 0] + p["phase"])).mean())
+    assert mean < -0.1
+    fs = [machine.joints[0].parameters["fs"] for machine in (whole, alone)]
+    assert fs[1] - fs[0] == pytest.approx(mean, rel=0.02)
+    told: dict[str, Any] = json.loads(files["json"].read_text("utf-8"))
+    (held,) = told["effects"]
+    assert held["in_dynamic_friction"] == pytest.approx(fs[1] - fs[0])
+    for quantity in ("dynamic_friction", "friction"):  # it does not change with speed
+        assert told["actuators"][quantity]["joint1"] == pytest.approx(fs[1], abs=0.01 * abs(mean))
+    assert "with the mean of position_friction" in told["remarks"]["dynamic_friction"]["joint1"]
+    again = with_actuators(alone, str(files["json"]))
+    assert again.joints[0].parameters["fs"] == pytest.approx(fs[0])
+    assert again.joints[1].parameters["fs"] == whole.joints[1].parameters["fs"]
 
 
 def test_what_the_log_does_not_show_is_null_with_a_reason(drives: tuple[Path, Path, Robot], tmp_path: Path) -> None:

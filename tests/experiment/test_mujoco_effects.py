@@ -14,6 +14,7 @@ import pytest
 
 from elid_cli.estimation.actuator_text import actuator_text
 from elid_cli.estimation.actuators import Actuators
+from elid_cli.estimation.mean_friction import MeanFriction, with_mean_friction
 from elid_cli.experiment.mjcf import mjcf_text
 from elid_cli.experiment.real_bodies import known_parameters
 from elid_cli.experiment.simulation.effects_at_work import active_effects
@@ -60,10 +61,12 @@ def of(name: str, **changes: float) -> EffectSpec:
     return EffectSpec(name, "joint2", {**example, **changes})
 
 
-def filed(robot: Robot, folder: Path, offsets: Mapping[str, float] | None = None) -> Path:
+def filed(
+    robot: Robot, folder: Path, offsets: Mapping[str, float] | None = None, means: tuple[MeanFriction, ...] = ()
+) -> Path:
     """Write the effects of a robot as --write-actuators does."""
     path = folder / "arm.json"
-    told = json.loads(actuator_text(Actuators(robot, {}, robot.effects), yaml=False))
+    told = json.loads(actuator_text(Actuators(robot, {}, robot.effects, means), yaml=False))
     told["actuators"] = {"offset": dict(offsets or {})}
     path.write_text(json.dumps(told), "utf-8")
     return path
@@ -73,8 +76,10 @@ def test_the_snippet_knows_every_effect_that_is_said_to_be_applied(snippet: Modu
     assert set(snippet.LAWS) == set(APPLIED)
 
 
-def accelerations(robot: Robot, snippet: ModuleType, path: Path, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations of links and motors in one state, of elid and of MuJoCo."""
+def accelerations(
+    robot: Robot, snippet: ModuleType, path: Path, seed: int, means: tuple[MeanFriction, ...] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return accelerations of links and motors in one state, of elid and of MuJoCo, whose file holds mean frictions."""
     rng = np.random.default_rng(seed)
     elastic = bool(robot.elastic.any())
     q, dq, tau = rng.uniform(-1, 1, 2), rng.choice([-1.0, 1.0], 2) * rng.uniform(0.8, 2, 2), rng.uniform(-20, 20, 2)
@@ -86,7 +91,8 @@ def accelerations(robot: Robot, snippet: ModuleType, path: Path, seed: int) -> t
     state = [*q, *theta, *dq, *dtheta] if elastic else [*q, *dq]
     ddq, ddtheta, _ = system.accelerations(0.0, state, tau.tolist())
 
-    model = mujoco.MjModel.from_xml_string(mjcf_text(with_parameters(robot, values)))
+    described = with_mean_friction(with_parameters(robot, values), means)
+    model = mujoco.MjModel.from_xml_string(mjcf_text(described))
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in robot.joint_names]
     data.qpos[places], data.qvel[places] = q, dq
@@ -119,6 +125,19 @@ def test_every_effect_accelerates_as_in_elid(name: str, rigid: bool, snippet: Mo
     # small at this speed, this deflection, or none while the motor drives
     least = {"stribeck": 0.0, "cubic_stiffness": 0.0, "backdriving_friction": max(sizes)}.get(name, min(sizes))
     assert least > 1e-3 or name in ("stribeck", "cubic_stiffness")
+
+
+def test_what_the_mjcf_holds_of_a_friction_is_not_added_again(snippet: ModuleType, tmp_path: Path) -> None:
+    robot = arm(of("position_friction"), of("stribeck"), rigid=True)
+    means = (MeanFriction(robot.effects[0], -0.3), MeanFriction(robot.effects[1], 0.2))
+    plain, held = (filed(robot, tmp_path, means=of_file).read_text("utf-8") for of_file in ((), means))
+    path = tmp_path / "arm.json"
+    for seed in range(3):
+        path.write_text(held, "utf-8")
+        ours, theirs = accelerations(robot, snippet, path, seed, means)
+        assert theirs == pytest.approx(ours, rel=1e-6, abs=1e-6)
+        path.write_text(plain, "utf-8")
+        assert np.abs(accelerations(robot, snippet, path, seed, means)[1] - ours).max() > 1e-3
 
 
 def test_rotors_of_other_names_are_those_of_the_file(snippet: ModuleType, tmp_path: Path) -> None:

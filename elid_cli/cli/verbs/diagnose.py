@@ -124,7 +124,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         said = (*remarks(published), *events) if files.write_robot else ()
         written = write_found(
             Files() if found.partial else files, found.written_robot, said, found.identified_with_effects, found.after,
-            lambda plain, _: identify(plain, signals, EstimateOptions(fit="torque")), output,
+            lambda plain, _: identify(plain, signals, EstimateOptions(fit="torque")), output, lambda: signals,
         )  # fmt: skip
         told = DiagnosisInput(
             found, found.identified_before, published, found.contributions, recording, source.robot, judged,
@@ -159,7 +159,7 @@ def _tell_motion(found: MotionDiagnosis, gates: Limits, files: Files, robot: str
         lambda other, late: by_trajectory(
             least_squares(other, found.delivered), found.delivered, delays=late, start=found.fit_after.values
         ),
-        output,
+        output, lambda: found.delivered,
     )  # fmt: skip
     if written.files and found.free_bodies is not None:
         others = "elid identify --fit torque --write-robot writes the bodies with which the motion comes nearer"

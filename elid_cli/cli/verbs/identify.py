@@ -98,7 +98,7 @@ def identify(
         elastic = with_stiffnesses(refined, found)
         written = write_found(
             files, elastic, remarks(found, physical=beyond.physical) if files.write_robot else (), found, found.error,
-            without_effects, output,
+            without_effects, output, lambda: signals or samples_of(source, machine, replace(output, quiet=True), None),
         )  # fmt: skip
         report = identification_report(found, recording, source.robot, apart, written.files)
         if pictures_wanted(output):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from elid_cli.errors import UsageError
+from elid_cli.estimation.mean_friction import MeanFriction, with_mean_friction
 from elid_cli.files import read_text
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.declared import check_effects
@@ -34,7 +35,8 @@ def with_actuators(robot: Robot, path: str) -> Robot:
     for spec in specs:
         if spec.joint not in robot.joint_names:
             raise UsageError(f"{path}: {robot.name} has no joint {spec.joint}", hint=", ".join(robot.joint_names))
-    return check_effects(replace(robot, effects=(*robot.effects, *specs)))
+    held = [MeanFriction(spec, -float(item.get("in_dynamic_friction", 0.0))) for item, spec in _of_effects(told)]
+    return check_effects(replace(with_mean_friction(robot, held), effects=(*robot.effects, *specs)))
 
 
 def _specs(told: Mapping[str, Any]) -> Iterator[EffectSpec]:
@@ -43,6 +45,11 @@ def _specs(told: Mapping[str, Any]) -> Iterator[EffectSpec]:
         for joint, value in told["actuators"].get(nuisance, {}).items():
             if value:
                 yield EffectSpec(kind.name, joint, {kind.amplitudes[0].name: float(value)})
+    for _, spec in _of_effects(told):
+        yield spec
+
+
+def _of_effects(told: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], EffectSpec]]:
     for item in told["effects"]:
         if not item["in_mjcf"] or effect_classes()[item["effect"]].softens:  # elid reads no softness in an MJCF
-            yield EffectSpec(item["effect"], item["joint"], {k: float(v) for k, v in item["parameters"].items()})
+            yield item, EffectSpec(item["effect"], item["joint"], {k: float(v) for k, v in item["parameters"].items()})
