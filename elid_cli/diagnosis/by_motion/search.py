@@ -230,19 +230,24 @@ def _best(
         if not candidates:
             left += in_vain[:1]
             continue
-        top = candidates[0].gain
-        alike = [c for c in candidates if c.gain >= ALIKE * top]
-        best = min(alike, key=lambda c: (c.price, -c.gain))
-        # screening knows nothing of a joint that sticks, where such a friction acts most: it is tried for less
-        tried_for = FURTHER if further else LEAST
-        least = STUCK if type(best.effect).holds() and not further else max(tried_for, best.effect.least_gain)
-        little = best.gain < least or best.helped < HOPEFUL
-        if little:
+        hopeful = [c for c in candidates if _is_hopeful(c, further=further)]
+        top = (hopeful or candidates)[0].gain
+        best = min((c for c in hopeful or candidates if c.gain >= ALIKE * top), key=lambda c: (c.price, -c.gain))
+        if not hopeful:
             left.append(best)
             continue
-        rivals = [c for c in (*alike, *best.forms) if c is not best and c.gain >= ALIKE * top]
+        rivals = [c for c in (*candidates, *best.forms) if c is not best and c.gain >= ALIKE * top]
         found.append(Named(best.effect, best.gain, best.helped, tuple(rivals), best.forms))
     return found, tuple(left), tried
+
+
+def _is_hopeful(candidate: Candidate, *, further: bool) -> bool:
+    """Whether screening promises enough of an effect at a joint, that has one already where it is a `further` one."""
+    effect = candidate.effect
+    # screening knows nothing of a joint that sticks, where such a friction acts most: it is tried for less
+    stuck = type(effect).holds() and not further
+    least = STUCK if stuck else max(FURTHER if further else LEAST, effect.least_gain)
+    return candidate.gain >= least and candidate.helped >= HOPEFUL
 
 
 def _kept(

@@ -9,6 +9,7 @@ import pytest
 
 from elid_cli.diagnosis.by_motion import refits
 from elid_cli.diagnosis.by_motion import search as search_module
+from elid_cli.diagnosis.by_motion.candidates import Candidate
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
@@ -42,6 +43,34 @@ def test_a_motion_that_runs_away_with_an_effect_ends_no_search(tmp_path: Path, m
     assert len(tries) > 1
     assert not found.partial
     assert found.after.equations.lighter.sum() < 1.01 * found.before.equations.lighter.sum()
+
+
+def test_an_effect_that_screening_promises_enough_of_is_tried_beside_one_that_it_prefers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Friction that holds is tried for less: another effect, of which more but not enough is promised, hid it."""
+    log = plant.written(tmp_path, "log.h5", plant.moved(3, 5.0))
+    robot = plant.robot(tmp_path)
+    signals = prepare(read_recording([log], robot), robot)
+    assert signals.recording is not None
+    fit = fit_trajectory(robot, commanded_runs(signals.recording, robot), started_from(robot, signals))
+    library = effect_classes()
+    preferred, holding = library["quadratic_viscous"](1, (2.0,)), library["stribeck"](1, (0.3, 1.0))
+
+    def promised(*gains: float) -> list[search_module.Named]:
+        of = [
+            Candidate(effect, gain, 1.0, np.ones(1)) for effect, gain in zip((preferred, holding), gains, strict=True)
+        ]
+        monkeypatch.setattr(search_module, "best_of", lambda *of_views: of if of_views[0] else [])
+        monkeypatch.setattr(search_module, "screened", lambda views, joint, kinds, effects: [joint] * (joint == 1))
+        return search_module._best(fit, list(library.values()))[0]
+
+    (named,) = promised(0.9 * search_module.LEAST, 1.5 * search_module.STUCK)
+    assert named.effect is holding
+    assert [rival.effect for rival in named.rivals] == [preferred]
+    (named,) = promised(1.1 * search_module.LEAST, 1.5 * search_module.STUCK)
+    assert named.effect is preferred
+    assert not promised(0.9 * search_module.LEAST, 0.9 * search_module.STUCK)
 
 
 def test_an_effect_beside_which_no_step_leads_on_is_fitted_from_the_recordings_own_steps(
