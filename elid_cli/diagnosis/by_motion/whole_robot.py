@@ -231,8 +231,8 @@ def _by_gains(
                    rivals=rivals), log  # fmt: skip
 
 
-def _kinds(found: Found, log: SearchedLog, but: type[Effect] | None = None) -> list[Kind]:
-    """Return the kinds of changes that have not been found, without one effect's."""
+def _kinds(found: Found, log: SearchedLog, but: type[Effect] | None = None) -> list[tuple[type[Effect], Kind]]:
+    """Return the kinds of changes that have not been found, without one effect's, and the effects that they are."""
     kinds = [
         (effect_that(turns_gravity=True), Kind(tilt_of, lambda _: BaseAngles(), local=False)),
         (effect_that(moves_zero=True), Kind(zeros_of, Zeros)),
@@ -256,7 +256,7 @@ def _kinds(found: Found, log: SearchedLog, but: type[Effect] | None = None) -> l
     ]
     known = {but, *(change.by.kind for change in found.changes)}
     known |= {effect_that(of_drive=which) for which in ("gain", *TUNED)} if found.scaled.any() else set()
-    return [one for kind, one in kinds if log.may(kind) and kind not in known]
+    return [(kind, one) for kind, one in kinds if log.may(kind) and kind not in known]
 
 
 def _asked_changes(
@@ -269,7 +269,7 @@ def _asked_changes(
     kinds = _kinds(found, log, None if whole else effect_that(carried=True))
     # what effects that were found hide is asked for beside them
     for near in (found.plain, *([found.done.after] if found.done.named else [])):
-        tried = [_worth(kind.alone(near), near, found) for kind in kinds if kind.alone is not None]
+        tried = [_worth(log.ask(*kind, near), near, found) for kind in kinds if kind[1].alone is not None]
         found = replace(found, done=replace(found.done, tried=found.done.tried + len(tried)))
         best, rivals = simplest([one for one in tried if one is not None], near)
         if best is not None:
@@ -326,7 +326,8 @@ def _nearer_yet(
         yield Together.of(again, log.runs), ()
     if change.by.whole:
         alone = replace(asked, fit=done.before)
-        both = with_another(alone, found.robot, log.runs, _kinds(found, log, change.by.kind))
+        kinds = [kind for _, kind in _kinds(found, log, change.by.kind)]
+        both = with_another(alone, found.robot, log.runs, kinds)
         if both is not None:
             best = both[0].changes[-1]
             yield both[0], [rival for twin in both[1]
