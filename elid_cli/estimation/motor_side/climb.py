@@ -21,7 +21,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_sensors import KINDS
 from elid_cli.estimation.motor_side.link_side import LinkTerms
 from elid_cli.estimation.motor_side.motor_log import MotorLog
-from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
+from elid_cli.estimation.motor_side.operators import KnotSpline, filtered, taper
 from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, ClimbEnd, highest, met, rungs
 from elid_cli.estimation.motor_side.unknowns import (
     DAMPING_SPREAD,
@@ -48,6 +48,9 @@ _STEPS = 6
 """Most steps of a rung, and most dampings that each tries."""
 _SAME = 0.10
 """Two ends are one where no compliance differs by more than this share."""
+
+
+_Misfit = tuple[Array, LinkTerms, list[Array], list[Array]]
 
 
 @dataclass
@@ -103,7 +106,7 @@ class Climb:
         self._whole = _Band(rates, self._derivatives(tau, 5), self._derivatives(sign), still, still)
         self._stride = max(1, int(1 / (_RATE * cut * self.log.dt)))
         self._reach = reach
-        self._window = self._taper(reach)[:: self._stride]
+        self._window = taper(self.log.count, reach)[:: self._stride]
         from scipy.fft import next_fast_len
 
         self._size = next_fast_len(len(self._window), real=True)
@@ -114,15 +117,6 @@ class Climb:
     def _derivatives(self, values: Array, count: int = 4) -> list[Array]:
         coefficients = self._spline.fit(values)
         return [B @ coefficients for B in self._spline.matrices[:count]]
-
-    def _taper(self, reach: int) -> Array:
-        """Return the window of the stretch, (N, 1): nothing where filters reach beyond it."""
-        count = self.log.count
-        empty, rise = min(reach // 2, count // 20) + 8, max(20, count // 40)
-        edge = np.r_[np.zeros(empty), 0.5 - 0.5 * np.cos(np.pi * (np.arange(rise) + 0.5) / rise)]
-        window = np.ones(count)
-        window[: len(edge)], window[-len(edge) :] = edge, edge[::-1]
-        return window[:, None]
 
     def _follow(self, x: Array) -> None:
         """Take what is not linear in the unknowns from where they stand: load friction, what carries the rotors."""
@@ -157,16 +151,19 @@ class Climb:
         q = [band.theta[d] - c * (spring[d] - damping * spring[d + 1]) for d in range(3)]
         return spring, q
 
-    def _misfit(self, x: Array) -> tuple[Array, LinkTerms, list[Array], list[Array]]:
+    def _misfit(self, x: Array) -> _Misfit:
         """Return Y(q) p - s, (N, n), the link side's terms, s and q."""
         spring, q = self._parts(x, self._band)
         terms, at, band = self.link.terms(q[0], q[1], q[2]), self.unknowns.places, self._band
         needed = terms.columns @ x[at["p"]] + self.link.loads(terms, x[at["J"]], band.theta[1], band.theta[2])
         return needed - spring[0], terms, spring, q
 
-    def _slopes(self, x: Array, free: NDArray[np.bool_]) -> Array:
-        """Return the derivatives of the misfit by the free unknowns, (free, n, N): instants side by side in memory."""
-        _, terms, spring, q = self._misfit(x)
+    def _slopes(self, x: Array, free: NDArray[np.bool_], at_x: _Misfit) -> Array:
+        """Return the derivatives of the misfit by the free unknowns, (free, n, N): instants side by side in memory.
+
+        `at_x`: what `_misfit` returns at x.
+        """
+        _, terms, spring, q = at_x
         at, band, n = self.unknowns.places, self._band, self.link.n
         J, c, damping = x[at["J"]], x[at["c"]], x[at["damping"]]
         by_motion = self.link.slopes(q, x[at["p"]], J, (band.theta[1], band.theta[2])).torque
@@ -258,14 +255,18 @@ class Climb:
             found: Array = np.concatenate([parts.real, parts.imag], axis=-1).reshape(*values.shape[:-2], -1)
             return found
 
+        last: list[tuple[Array, _Misfit]] = []  # a step's slopes are asked for where its misfit was
+
         def residual(at: Array) -> Array:
-            misfit = np.ascontiguousarray(self._misfit(at)[0].T)
+            last[:] = [(at, self._misfit(at))]
+            misfit = np.ascontiguousarray(last[0][1][0].T)
             found: Array = np.concatenate([spectrum(misfit), self._prior(at, strength, soft)[0]])
             return found
 
         def slopes(at: Array) -> Array:
             factor = self._prior(at, strength, soft)[1]
-            columns: Array = np.concatenate([spectrum(self._slopes(at, free)), np.diag(factor)[free]], axis=1)
+            there = last[0][1] if last and last[0][0] is at else self._misfit(at)
+            columns: Array = np.concatenate([spectrum(self._slopes(at, free, there)), np.diag(factor)[free]], axis=1)
             return columns.T
 
         x, cost = descend(x, free, residual, slopes, _STEPS)
@@ -330,7 +331,7 @@ class Climb:
         self._follow(end.x)
         _, (q, *_) = self._parts(end.x, self._whole)
         # near the ends differences of high order know nothing: the deflection stays what it is further in
-        inside = np.flatnonzero(self._taper(self._reach)[:, 0])
+        inside = np.flatnonzero(taper(self.log.count, self._reach)[:, 0])
         place = np.clip(np.arange(len(q)), inside[0], inside[-1])
         theta = self._whole.theta[0]
         return self._spline.at(t, self._spline.fit(theta + (q - theta)[place]))

@@ -95,6 +95,15 @@ def filtered(values: Array, dt: float, cutoff: float, width: float = 1.2) -> tup
     return found, reach
 
 
+def taper(count: int, reach: int) -> Array:
+    """Return the window of a stretch of `count` samples, (N, 1): nothing where filters of `reach` reach beyond it."""
+    empty, rise = min(reach // 2, count // 20) + 8, max(20, count // 40)
+    edge = np.r_[np.zeros(empty), 0.5 - 0.5 * np.cos(np.pi * (np.arange(rise) + 0.5) / rise)]
+    window = np.ones(count)
+    window[: len(edge)], window[-len(edge) :] = edge, edge[::-1]
+    return window[:, None]
+
+
 class KnotSpline:
     """Quintic splines with even knots over samples: contiguous blocks of six basis values per sample.
 
