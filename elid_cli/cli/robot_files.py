@@ -92,7 +92,7 @@ def write_found(
     note([said for said in impossible_words(found) if said in remarks], output, "warning")
     refined = _with_given_gains(refined)
     told, told_of = found, refined
-    means = _means(refined, files, log)
+    means: tuple[MeanFriction, ...] = ()
     nuisances = {(item.effect, item.joint) for item in found.nuisances}
     written: list[str] = []
     refusals: list[ElidError] = []
@@ -101,13 +101,13 @@ def write_found(
         late = foreign(path) and _late(found) and files.write_actuators is None
         lost = [spec for spec in beyond if (spec.effect, spec.joint) not in nuisances and not _beside(spec, files)]
         held = [s for s in beyond if s not in lost]
-        said = [*without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files, means)]
+        said = [*without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files)]
         note([f"{path}: {sentence}" for sentence in said], output, "left out")
         in_file = [f"left out: {sentence}" for sentence in said]
         try:
             if not lost and not late:
-                of_format = with_mean_friction(refined, means) if foreign(path) else refined
-                write_described(of_format, path, [*remarks, *in_file])
+                own = _means(refined, held, log)
+                write_described(with_mean_friction(refined, own), path, [*remarks, *in_file, *_mean_words(own)])
             elif lost and not files.drop_effects:
                 raise _refused(path, lost)
             else:
@@ -116,15 +116,17 @@ def write_found(
                     "the delay of the drives" if late else "",
                 )  # fmt: skip
                 channel = _nuisances()
-                means = _means(told_of, files, log)
+                own = _means(told_of, [s for s in beyond_format(told_of, path) if _beside(s, files)], log)
                 plain = replace(told_of, effects=tuple(s for s in told_of.effects if s.effect not in channel))
-                plain = with_mean_friction(plain, means) if foreign(path) else plain
                 note([f"{path}: {sentence}" for sentence in cost], output, "left out")
-                write_described(plain, path, [*remarks[:1], f"left out: {cost[0]}", *cost[1:], *in_file])
+                words = [*remarks[:1], f"left out: {cost[0]}", *cost[1:], *in_file, *_mean_words(own)]
+                write_described(with_mean_friction(plain, own), path, words)
         except ElidError as refusal:
             refusals.append(refusal)
         else:
             written.append(path)
+            means = own if foreign(path) else means
+            note([f"{path}: {sentence}" for sentence in _mean_words(own)], output)
             note([f"{path}: {sentence}" for sentence in other_limits(refined, path)], output, "left out")
     if files.write_actuators is not None:  # of the fit whose values the robot file holds
         _write_actuators(told, told_of, files.write_actuators, means)
@@ -144,14 +146,19 @@ def _with_given_gains(robot: Robot) -> Robot:
     return replace(robot, control=control)
 
 
-def _means(refined: Robot, files: Files, log: Callable[[], Signals | None]) -> tuple[MeanFriction, ...]:
-    """Return the mean frictions of the effects that the file of actuators holds beside a robot file without them."""
-    from elid_cli.estimation.mean_friction import mean_friction
+def _means(robot: Robot, beside: Sequence[EffectSpec], log: Callable[[], Signals | None]) -> tuple[MeanFriction, ...]:
+    """Return the mean frictions of effects of a robot that the file of actuators holds beside a robot file."""
+    from elid_cli.estimation.mean_friction import mean_friction, varies_with_angle
 
-    paths = [path for path in files.write_robot if foreign(path)]
-    specs = [s for path in paths[:1] for s in beyond_format(refined, path) if _beside(s, files)]
+    specs = [spec for spec in beside if varies_with_angle(robot, spec)]
     signals = log() if specs else None
-    return () if signals is None else mean_friction(refined, signals, specs)
+    return () if signals is None else mean_friction(robot, signals, specs)
+
+
+def _mean_words(means: Sequence[MeanFriction]) -> list[str]:
+    """Return in words what a robot file holds of effects that are beside it."""
+    each = [f"{item.mean:.3g} ({named([item.effect])})" for item in means]
+    return [f"the dry friction of this file holds means along the log: {', '.join(each)}"] if each else []
 
 
 def _write_actuators(found: Identification, refined: Robot, path: str, means: Sequence[MeanFriction]) -> None:
@@ -170,7 +177,7 @@ def _beside(spec: EffectSpec, files: Files) -> bool:
     return files.write_actuators is not None and bool(kind.acts_as or kind.nuisance == "delay")
 
 
-def _elsewhere(held: Sequence[EffectSpec], files: Files, means: Sequence[MeanFriction]) -> list[str]:
+def _elsewhere(held: Sequence[EffectSpec], files: Files) -> list[str]:
     """Return in words where effects are that a robot file does without: in the file of actuators, or nowhere."""
     if not held:
         return []
@@ -179,11 +186,7 @@ def _elsewhere(held: Sequence[EffectSpec], files: Files, means: Sequence[MeanFri
              for name, count in counts.items()]  # fmt: skip
     where = files.write_actuators
     told = f"{Path(where).name} holds it" if where is not None else "--write-actuators FILE.json holds it"
-    dry = [f"{item.mean:.3g} ({item.effect.joint})" for item in means]
-    return [
-        f"{', '.join(words)}: {told if len(held) == 1 else told.replace('holds it', 'holds them')}",
-        *([f"the dry friction of this file holds its mean along the log: {', '.join(dry)}"] if dry else []),
-    ]
+    return [f"{', '.join(words)}: {told if len(held) == 1 else told.replace('holds it', 'holds them')}"]
 
 
 def _refused(path: str, lost: Sequence[EffectSpec]) -> UsageError:

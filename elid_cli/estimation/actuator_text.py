@@ -17,10 +17,9 @@ from elid_cli.robot.yaml import emit
 
 ABOUT = (
     "Actuators identified by elid, at the joint, SI. null: not shown by the log, see remarks. The values go with the "
-    "robot file of the same run. friction is static, dynamic_friction is Coulomb's; an offset is torque commanded or "
-    "logged beyond what acts. effects: torques beyond these; as friction they add to the "
-    "dynamic one, but for what of them it holds already "
-    "(in_dynamic_friction, N·m)."
+    "URDF or MJCF of the same run, else with its YAML. friction is static, dynamic_friction is Coulomb's; an offset is "
+    "torque commanded or logged beyond what acts. effects: torques beyond these; as friction they add to the dynamic "
+    "one, but for what of them it holds already (in_dynamic_friction, N·m or N)."
 )
 
 

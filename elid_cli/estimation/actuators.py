@@ -169,7 +169,8 @@ def _with_means(written: Robot, dynamic: Mapping[str, Value], means: Sequence[Me
         own = [item.effect.effect for item in means if item.effect.joint == name]
         if own and value.value is not None:
             total = held.joints[written.joint_names.index(name)].parameters["fs"]
-            words = f"with the mean of {' and '.join(own)} along the log, {total - value.value:.3g}"
+            mean = f"{total - value.value:.3g}; the error is that of the rest"
+            words = f"with the mean of {' and '.join(own)} along the log, {mean}"
             found[name] = replace(value, value=total, why="; ".join(word for word in (value.why, words) if word))
     return found
 
@@ -191,7 +192,7 @@ def _static(
         if more == 0.0 or name not in result or result[name].value is None:
             continue
         before = result[name]
-        own = [known[p.name] for p in resolve(written, spec)[0].amplitudes if p.name in known]
+        own = [known[p.name] for p in resolve(written, spec)[0].amplitudes if p.name in known and p.unit != "rad"]
         assert before.value is not None
         # the two errors are correlated in a way that is not kept: their sum is a bound
         error = before.std_error + sum(own) if before.std_error is not None and own else None

@@ -36,6 +36,12 @@ class MeanFriction:
     """As it starts to move, over the same angles."""
 
 
+def varies_with_angle(robot: Robot, spec: EffectSpec) -> bool:
+    """Whether an effect of a robot is dry friction of a motor that repeats with its angle."""
+    kind, _ = resolve(robot, spec)
+    return issubclass(kind, Harmonic) and kind.acts_as == "friction"
+
+
 def mean_friction(robot: Robot, signals: Signals, effects: Sequence[EffectSpec]) -> tuple[MeanFriction, ...]:
     """Return the mean of frictions by angle over the instants of a log at which the motor moves, N·m (N).
 
@@ -49,10 +55,9 @@ def mean_friction(robot: Robot, signals: Signals, effects: Sequence[EffectSpec])
         Effects of the robot. Those left out: what is no dry friction of a motor that repeats with its angle; those of
         a joint whose Coulomb friction fades in, or would become negative with the mean.
     """
-    kinds = [(spec, *resolve(robot, spec)) for spec in effects]
     soft = {joint for spec, kind, joint in ((s, *resolve(robot, s)) for s in robot.effects) if kind.softens}
-    dry = [(spec, joint) for spec, kind, joint in kinds
-           if issubclass(kind, Harmonic) and kind.acts_as == "friction" and joint not in soft]  # fmt: skip
+    dry = [(spec, joint) for spec, joint in ((s, resolve(robot, s)[1]) for s in effects)
+           if varies_with_angle(robot, spec) and joint not in soft]  # fmt: skip
     if not dry:
         return ()
     scene = scene_of(Regressor(robot), signals, robot.reference())

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from elid_cli.cli import main
+from elid_cli.errors import UsageError
 from elid_cli.estimation.actuator_text import actuator_text
 from elid_cli.estimation.actuators import Actuators, Value
 from elid_cli.experiment.replay.actuators import with_actuators
@@ -94,6 +95,28 @@ def test_an_mjcf_holds_the_mean_of_a_friction_that_it_has_no_place_for(
     again = with_actuators(alone, str(files["json"]))
     assert again.joints[0].parameters["fs"] == pytest.approx(fs[0])
     assert again.joints[1].parameters["fs"] == whole.joints[1].parameters["fs"]
+    assert with_actuators(whole, str(files["json"])).joints[0].parameters["fs"] == fs[0]  # it holds the effect itself
+    held["in_dynamic_friction"] = 2.0
+    files["json"].write_text(json.dumps(told), "utf-8")
+    with pytest.raises(UsageError, match="joint1"):
+        with_actuators(alone, str(files["json"]))
+
+
+def test_a_file_of_actuators_holds_no_means_for_a_robot_file_that_is_refused(
+    drives: tuple[Path, Path, Robot], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    friction = EffectSpec("position_friction", "joint1", {"amplitude": 0.25, "phase": -1.6, "order": 0.7})
+    drift = EffectSpec("friction_drift", "joint2", {"coulomb": 0.1, "viscous": 0.02, "time": 5.0})
+    robot, log, told = tmp_path / "arm.yaml", str(drives[0]), tmp_path / "found.json"
+    write_robot(replace(drives[2], effects=(friction, drift)), robot)
+    files = ["--write-robot", str(tmp_path / "found.xml"), "--write-robot", str(tmp_path / "found.yaml")]
+    assert main(["identify", log, "--robot", str(robot), *files, "--write-actuators", str(told)]) == 2
+    assert "mean" not in capsys.readouterr().err
+    assert not (tmp_path / "found.xml").exists()
+    data = json.loads(told.read_text("utf-8"))
+    assert not any("in_dynamic_friction" in effect for effect in data["effects"])
+    fs = read_robot(tmp_path / "found.yaml").joints[0].parameters["fs"]
+    assert data["actuators"]["dynamic_friction"]["joint1"] == pytest.approx(fs)
 
 
 def test_what_the_log_does_not_show_is_null_with_a_reason(drives: tuple[Path, Path, Robot], tmp_path: Path) -> None:

@@ -26,7 +26,14 @@ def effects_of_fit(
         for item in done.limits
     )  # fmt: skip
     found = [
-        FoundEffect(effect.name, own.joint, own.parameters, own.std_error, gain, effect.summary + _or_less(fit, place))
+        FoundEffect(
+            effect.name,
+            own.joint,
+            own.parameters,
+            {} if _or_less(fit, place) else own.std_error,
+            gain,
+            effect.summary + _or_less(fit, place),
+        )
         for place, (effect, own, gain) in enumerate(
             zip(effects, values, (*softer, *(item.gain for item in done.named)), strict=True), declared
         )
@@ -38,7 +45,11 @@ def effects_of_fit(
 def _or_less(fit: TrajectoryFit, place: int) -> str:
     """Return what is said of an effect's shape beyond which the angle covered shows nothing."""
     names = fit.unknowns.least_of(place, fit.z)
-    return f", whose {names[0]} may be lower (the angle covered shows none below this one)" if names else ""
+    return (
+        f", whose {names[0]} may be lower: the angle covered shows none below this one, and all its values go together"
+        if names
+        else ""
+    )
 
 
 def _of_limit(described: float, found: float) -> str:

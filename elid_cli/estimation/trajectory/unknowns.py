@@ -209,7 +209,7 @@ class Unknowns:
         return tuple(
             effect.shapes[k].name
             for k, value, least in zip(own, z[at].tolist(), low.tolist(), strict=True)
-            if effect.shapes[k].low < least and value <= least * (1.0 + CLOSE)
+            if effect.shapes[k].low < least and value <= least * (1.0 + CLOSE) and self.spans
         )
 
     @property
@@ -217,9 +217,8 @@ class Unknowns:
         found = []
         for (number, place), form in zip(self.shapes, self._forms, strict=True):
             effect = self.effects[number]
-            # one that began below keeps its place: a file may declare what another log showed
             least = effect.least(self.spans[effect.joint])[place] if self.spans else form.low
-            found.append(least if effect.shape[place] >= least else form.low)
+            found.append(max(min(least, effect.shape[place]), form.low))  # one that begins below it falls no further
         return found
 
     @cached_property

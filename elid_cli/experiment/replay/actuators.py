@@ -14,6 +14,9 @@ from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.declared import check_effects
 from elid_cli.robot.robot import EffectSpec, Robot
 
+ROUNDED = 1e-9
+"""N·m (N) below none that a friction is for rounding alone."""
+
 
 def with_actuators(robot: Robot, path: str) -> Robot:
     """Return a robot with the offsets, delays and effects of a file of ``--write-actuators``.
@@ -29,24 +32,30 @@ def with_actuators(robot: Robot, path: str) -> Robot:
 
     try:
         told = yaml.safe_load(read_text(Path(path), UsageError))  # JSON is YAML
-        specs = tuple(_specs(told))
+        beside = [(item, spec) for item, spec in _of_effects(told) if spec not in robot.effects]
+        specs = (*_of_channels(told), *(spec for _, spec in beside))
     except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise UsageError(f"{path}: not a file of actuators: {error}", hint="--write-actuators writes one") from None
     for spec in specs:
         if spec.joint not in robot.joint_names:
             raise UsageError(f"{path}: {robot.name} has no joint {spec.joint}", hint=", ".join(robot.joint_names))
-    held = [MeanFriction(spec, -float(item.get("in_dynamic_friction", 0.0))) for item, spec in _of_effects(told)]
-    return check_effects(replace(with_mean_friction(robot, held), effects=(*robot.effects, *specs)))
+    held = [MeanFriction(spec, -float(item.get("in_dynamic_friction", 0.0))) for item, spec in beside]
+    whole = with_mean_friction(robot, held)
+    wrong = [joint.name for joint in whole.joints if joint.parameters.get("fs", 0.0) < -ROUNDED]
+    if wrong:
+        raise UsageError(
+            f"{path}: {robot.name} does not hold the mean friction of {', '.join(wrong)} that this file says it does",
+            hint="give the robot file of the same run",
+        )
+    return check_effects(replace(whole, effects=(*robot.effects, *specs)))
 
 
-def _specs(told: Mapping[str, Any]) -> Iterator[EffectSpec]:
+def _of_channels(told: Mapping[str, Any]) -> Iterator[EffectSpec]:
     for nuisance in ("offset", "delay"):
         kind = effect_that(nuisance=nuisance)
         for joint, value in told["actuators"].get(nuisance, {}).items():
             if value:
                 yield EffectSpec(kind.name, joint, {kind.amplitudes[0].name: float(value)})
-    for _, spec in _of_effects(told):
-        yield spec
 
 
 def _of_effects(told: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], EffectSpec]]:

@@ -50,11 +50,6 @@ class Harmonic(Effect):
         return min(max(NARROW, 2 * math.pi * ALIKE / max(span * shape[0], 1e-9)), super().reach(scene, joint, shape))
 
     @classmethod
-    def least(cls, span: float) -> tuple[float, ...]:
-        """Return the order whose periods the angle covered just holds: lower ones are bends."""
-        return (max(2 * math.pi * cls.periods / max(span, 1e-9), ORDER.low),)
-
-    @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
         """Whether the motion covers what is claimed: enough periods, and each of them more than once.
 

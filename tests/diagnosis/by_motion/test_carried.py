@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from elid_cli.cli import main
+from elid_cli.diagnosis.by_motion import carried
 from elid_cli.diagnosis.by_motion.carried import load_by
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.trajectory.changes import Changed
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
@@ -309,8 +312,10 @@ def test_no_tool_is_told_where_there_is_none_and_a_wrong_mass_of_another_body_is
     assert replay(found.refined, moved(4, 0.0, 4.0)).mean_abs < 2e-4
 
 
-def test_a_wrong_mass_of_an_inner_body_is_told_at_the_arm_that_has_it(tmp_path: Path) -> None:
-    """Of two arms on one base: all inner bodies are not fitted one after the other."""
+def test_a_wrong_mass_of_an_inner_body_is_told_at_the_arm_that_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two arms on one base: inner bodies of the other one are not fitted."""
     sides = [moved(3, 0.0, 5.0), moved(5, 0.0, 5.0)]
     path, file = tmp_path / "arms.xml", Path(described(tmp_path).source).read_text()
     body = file[file.index("<body") : file.index("</worldbody>")]
@@ -323,6 +328,13 @@ def test_a_wrong_mass_of_an_inner_body_is_told_at_the_arm_that_has_it(tmp_path: 
     path.write_text(file.replace(body, "".join(arms)))
     robot = read_robot(path)
     assert mass in file
+    load_at, asked = carried._load_at, list[int]()
+
+    def counted(before: TrajectoryFit, body: int) -> Changed | None:
+        asked.append(body)
+        return load_at(before, body)
+
+    monkeypatch.setattr(carried, "_load_at", counted)
     q, wanted, kp, kd = (np.concatenate(parts, axis=1) for parts in zip(*(
         (side.q, *(side.commands[name] for name in ("q_des", "kp", "kd"))) for side in sides
     ), strict=True))  # fmt: skip
@@ -331,6 +343,8 @@ def test_a_wrong_mass_of_an_inner_body_is_told_at_the_arm_that_has_it(tmp_path: 
     log = written(tmp_path, both)
     found = diagnose_motion(robot, prepare(read_recording([log], robot), robot))
     assert [(e.effect, e.joint) for e in found.effects] == [("payload", "other_upper")]
+    assert 2 in asked
+    assert 0 not in asked
     (effect,) = found.effects
     assert abs(effect.parameters["cz"] - MASSES[0] * CENTRES[0]) < 4 * effect.std_error["cz"]
 

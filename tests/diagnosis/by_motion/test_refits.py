@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from elid_cli.diagnosis.by_motion import refits
 from elid_cli.diagnosis.by_motion import search as search_module
 from elid_cli.diagnosis.by_motion.candidates import Candidate
+from elid_cli.diagnosis.by_motion.searched_log import SearchedLog
+from elid_cli.diagnosis.by_motion.together import Kind
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.decided import fit_trajectory
@@ -71,6 +74,30 @@ def test_an_effect_that_screening_promises_enough_of_is_tried_beside_one_that_it
     (named,) = promised(1.1 * search_module.LEAST, 1.5 * search_module.STUCK)
     assert named.effect is preferred
     assert not promised(0.9 * search_module.LEAST, 0.9 * search_module.STUCK)
+
+
+def test_a_log_asks_a_fit_for_a_kind_of_change_once(tmp_path: Path) -> None:
+    robot = plant.robot(tmp_path)
+    log_file = plant.written(tmp_path, "log.h5", plant.moved(3, 5.0))
+    signals = prepare(read_recording([log_file], robot), robot)
+    assert signals.recording is not None
+    runs = commanded_runs(signals.recording, robot)
+    fit, asked = fit_trajectory(robot, runs, started_from(robot, signals)), list[TrajectoryFit]()
+    effect = effect_classes()["payload"]
+
+    def alone(near: TrajectoryFit) -> None:
+        asked.append(near)
+
+    kind = Kind(alone, lambda joints: NotImplemented)
+    log = SearchedLog(signals, runs, ((), ()), (), None)
+    assert log.ask(effect, kind, fit) is None
+    log.ask(effect, kind, fit)
+    assert len(asked) == 1
+    log.ask(effect, kind, replace(fit))
+    log.delivering(np.ones(robot.n)).ask(effect, kind, fit)  # other drives, another answer
+    assert len(asked) == 3
+    log.ask(effect, Kind(None, kind.of), replace(fit))
+    assert len(asked) == 3
 
 
 def test_an_effect_beside_which_no_step_leads_on_is_fitted_from_the_recordings_own_steps(

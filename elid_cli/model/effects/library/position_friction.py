@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from elid_cli.model.effects.effect import Columns, Parameter
 from elid_cli.model.effects.harmonics import ORDER, PHASE, Harmonic
 from elid_cli.model.effects.rows import motor_row
@@ -26,6 +28,11 @@ class PositionFriction(Harmonic):
     example = {"amplitude": 0.5, "phase": -2.0, "order": 3.0}
     highest = 30
     periods = 0.3  # it flips with the direction of motion, which no other bend does; of less, all orders are a line
+
+    @classmethod
+    def least(cls, span: float) -> tuple[float, ...]:
+        """Return the order whose periods the angle covered just holds: nothing else has lower ones' change of sign."""
+        return (max(2 * math.pi * cls.periods / max(span, 1e-9), ORDER.low),)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the sine and the cosine column in the motor row."""
