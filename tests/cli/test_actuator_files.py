@@ -100,6 +100,10 @@ def test_an_mjcf_holds_the_mean_of_a_friction_that_it_has_no_place_for(
     files["json"].write_text(json.dumps(told), "utf-8")
     with pytest.raises(UsageError, match="joint1"):
         with_actuators(alone, str(files["json"]))
+    held["in_dynamic_friction"] = "much"
+    files["json"].write_text(json.dumps(told), "utf-8")
+    with pytest.raises(UsageError, match="not a file of actuators"):
+        with_actuators(alone, str(files["json"]))
 
 
 def test_a_file_of_actuators_holds_no_means_for_a_robot_file_that_is_refused(

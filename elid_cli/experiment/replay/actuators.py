@@ -34,12 +34,12 @@ def with_actuators(robot: Robot, path: str) -> Robot:
         told = yaml.safe_load(read_text(Path(path), UsageError))  # JSON is YAML
         beside = [(item, spec) for item, spec in _of_effects(told) if spec not in robot.effects]
         specs = (*_of_channels(told), *(spec for _, spec in beside))
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        held = [MeanFriction(spec, -float(item.get("in_dynamic_friction", 0.0))) for item, spec in beside]
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise UsageError(f"{path}: not a file of actuators: {error}", hint="--write-actuators writes one") from None
     for spec in specs:
         if spec.joint not in robot.joint_names:
             raise UsageError(f"{path}: {robot.name} has no joint {spec.joint}", hint=", ".join(robot.joint_names))
-    held = [MeanFriction(spec, -float(item.get("in_dynamic_friction", 0.0))) for item, spec in beside]
     whole = with_mean_friction(robot, held)
     wrong = [joint.name for joint in whole.joints if joint.parameters.get("fs", 0.0) < -ROUNDED]
     if wrong:

@@ -16,6 +16,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,11 @@ def elid(*arguments: str) -> tuple[str, float]:
     return done.stdout, sum(after[2:4]) - sum(before[2:4])
 
 
-def judged(row: str, data: Path, folder: Path) -> tuple[list[tuple[int, float, float]], float]:
-    """Return run, error by elid and by MuJoCo, mrad, of every run that is judged, and the fit's processor time."""
+def judged(row: str, data: Path, folder: Path) -> tuple[list[tuple[int, float, float]], float, dict[str, float]]:
+    """Return run, error by elid and by MuJoCo, mrad, of every run that is judged, and the fit's processor time.
+
+    And `apart` of the rotor inertias that it found.
+    """
     command, fitted, others = ROWS[row]
     logs = [str(data / f"go2_{k}.h5") for k in fitted]
     robot, beside = str(folder / "go2.xml"), str(folder / "actuators.json")
@@ -58,7 +62,15 @@ def judged(row: str, data: Path, folder: Path) -> tuple[list[tuple[int, float, f
                            "--engine", engine, "--json")  # fmt: skip
             by.append(1e3 * json.loads(told)["mean_abs"])
         errors.append((k, by[0], by[1]))
-    return errors, seconds
+    return errors, seconds, apart(json.loads(Path(beside).read_text("utf-8"))["actuators"]["armature"])
+
+
+def apart(inertias: Mapping[str, float | None]) -> dict[str, float]:
+    """Return how far those of the four legs are from their mean at most, part of it, by kind of joint."""
+    by: dict[str, list[float]] = {}
+    for joint, value in inertias.items():
+        by.setdefault(joint.split("_")[1], []).append(np.nan if value is None else value)
+    return {kind: float(np.abs(np.array(own) / np.mean(own) - 1.0).max()) for kind, own in by.items()}
 
 
 def pairs(data: Path) -> None:
@@ -138,12 +150,14 @@ def main() -> None:
     print(f"{'':15}{'from runs':>11}{'on run':>8}{'elid':>8}{'MuJoCo':>8}{'processor s':>13}", flush=True)
     for row in options.only:
         with tempfile.TemporaryDirectory() as folder:
-            errors, seconds = judged(row, options.data, Path(folder))
+            errors, seconds, spread = judged(row, options.data, Path(folder))
         runs = ROWS[row][1]
         told = f"{runs[0]}" if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
         for place, (k, ours, theirs) in enumerate(errors):
             spent = f"{seconds:.1f}" if place == 0 else ""
             print(f"{row:15}{told:>11}{k:>8}{ours:8.2f}{theirs:8.2f}{spent:>13}", flush=True)
+        legs = ", ".join(f"{kind} {100 * part:.0f} %" for kind, part in spread.items())
+        print(f"{'':15}armature of the four legs is off its mean by at most: {legs}", flush=True)
 
 
 if __name__ == "__main__":
