@@ -30,8 +30,8 @@ CLEARLY = 0.2
 PER_JOINT = 0.04
 """The same per joint that a change alone must reach before a search is made with it. Measured: a quadruped of twelve
 joints on level ground 0.028, whose search takes minutes."""
-HOPEFUL = 0.1
-"""Sum over the joints of the logarithm by which the error's size must fall: by first order with the first step …"""
+HOPEFUL = 0.5
+"""Part of what a change must reach by which the error must fall: by first order with the first step …"""
 TRIED = 2
 """… and in fact from this step on, from 0."""
 QUICK = 6
@@ -168,7 +168,7 @@ class Changed:
 
     def is_nearer(self, before: TrajectoryFit) -> bool:
         """Whether it brings the motion clearly nearer than a fit without, on the whole."""
-        least = max(CLEARLY, PER_JOINT * self.level.n)
+        least = _least(self.level)
         if _counts(self.by, self.fit):
             # twice the logarithm of the likelihood of noise without memory
             least = min(least, 0.5 * SURE**2 / sum(int(item.counts.sum()) for item in before.tracked))
@@ -183,6 +183,11 @@ class Changed:
         """Return what it takes from the squared error of a fit without, every joint in its size."""
         bare, left = self.squares(before)
         return float(1.0 - left.sum() / bare.sum())
+
+
+def _least(robot: Robot) -> float:
+    """Return the logarithm of the errors' sizes, summed over the joints, by which a change must be nearer."""
+    return max(CLEARLY, PER_JOINT * robot.n)
 
 
 def nearer_by(one: TrajectoryFit, other: TrajectoryFit) -> float:
@@ -257,11 +262,11 @@ def descended(
         Whether the change is there, however small it comes out.
     """
     by, level, fit, values = started.by, started.level, started.fit, started.values
-    fell = np.inf
+    fell, hopeful = np.inf, HOPEFUL * _least(level)
     for number in range(done, STEPS):
         moved = by.moved(fit, level, values)
         found = Beside.of(fit, moved)
-        if before is not None and number == 0 and not by.little and -0.5 * np.log(found.left).sum() < HOPEFUL:
+        if before is not None and number == 0 and not by.little and -0.5 * np.log(found.left).sum() < hopeful:
             return None
         shown = np.any([np.abs(part).max(axis=(0, 1)) > STILL for part in moved], axis=0)
         deviations = np.where(shown, np.hypot(found.deviations, COARSE * by.most), np.inf)
@@ -282,7 +287,7 @@ def descended(
         fell = nearer_by(again, fit)
         fit = again
         tried = number >= (1 if by.little else TRIED)
-        if before is not None and tried and nearer_by(fit, before) < HOPEFUL and not _counts(by, fit):
+        if before is not None and tried and nearer_by(fit, before) < hopeful and not _counts(by, fit):
             return None
     made = Changed(by, values, deviations, level, fit)
     return made if (known or made.sure.any()) and (np.abs(values) < by.most).all() else None
