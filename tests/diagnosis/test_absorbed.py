@@ -12,7 +12,7 @@ import pytest
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.state import fit, refreshed
-from elid_cli.diagnosis.search.absorbed import _amplitudes, _chance, _without_outgrown
+from elid_cli.diagnosis.search.absorbed import _amplitudes, _chance, _scales_all, _without_outgrown
 from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
@@ -167,3 +167,17 @@ def test_what_made_up_for_it_goes_with_it(*, there: bool, kept: list[str]) -> No
     left = _without_outgrown(Found(state, state, steps, (), 0))
     assert [effect.name for effect in left.after.effects] == kept
     assert [step.candidate.effect.name for step in left.steps] == kept
+
+
+@pytest.mark.parametrize(("joints", "rigid_ones"), [(2, False), (3, False), (3, True)])
+def test_the_last_joint_without_a_gain_is_given_none(*, joints: int, rigid_ones: bool) -> None:
+    """Gains of all joints scale every parameter: two were told of an arm of two joints, the second 0 and surely so."""
+    made = rigid(3) if rigid_ones else make(3, joints, rate=RATE)
+    log = recorded(made, log_of(made, Laws()), db=0.0, counts=2.0**16, torque=0.01, colour=0.0, seed=1)
+    gain, spring = effect_classes()["torque_gain"], effect_classes()["link_spring"]
+    parted = divided(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)))
+    one, most = fit(parted, [gain(0)]), fit(parted, [gain(k) for k in range(joints - 1)])
+    assert not _scales_all(fit(parted, []), gain(0))
+    assert _scales_all(one, gain(1)) == (joints == 2)
+    assert _scales_all(most, gain(joints - 1))
+    assert not _scales_all(most, spring(joints - 1))

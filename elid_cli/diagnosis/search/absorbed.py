@@ -96,7 +96,7 @@ def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step]
     log = replace(state.log, fold=stretch_of(state.log.observation.instants))
     whole = agreed(fit(log, state.effects, state.scene, but=state.but))
     candidates = screen(whole, kinds)
-    able = [c for c in candidates if c.supported and c.net > 0]
+    able = [c for c in candidates if c.supported and c.net > 0 and not _scales_all(whole, c.effect)]
     for _ in range(min(TRIED, len(able))):
         step = best_step(able)
         effects, last = (*state.effects, step.candidate.effect), len(state.effects)
@@ -116,6 +116,15 @@ def _any_gains(state: State, kinds: Mapping[str, type[Effect]]) -> bool:
     effects = [kind(k) for kind in kinds.values() for k in joints if kind.applies(state.log.model.robot, k)]
     gains = state.projected.gains([state.log.columns.of(effect, state.scene).rows for effect in effects])
     return any(gain is not None and gain.whole > LEAST for gain in gains)
+
+
+def _scales_all(state: State, effect: Effect) -> bool:
+    """Whether a torque's gain is that of the last joint without one: that scales all, which no log shows.
+
+    With gains everywhere the least error is that of a robot without mass.
+    """
+    gains = {other.joint for other in (*state.effects, effect) if other.of_drive == effect.of_drive == "gain"}
+    return bool(gains) and gains >= {row.joint for row in state.triangles.rows}
 
 
 def _there(state: State, grown: State, tried: int) -> bool:
