@@ -10,7 +10,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.changes import nearer_by
-from elid_cli.estimation.trajectory.decided import late_or_prompt, shows_delays
+from elid_cli.estimation.trajectory.decided import NEARER, late_or_prompt, shows_delays
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.held_loops import refitted
 from elid_cli.estimation.trajectory.own_values import with_own_values_again
@@ -125,10 +125,15 @@ def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] 
 
 
 def with_delay(fit: TrajectoryFit) -> TrajectoryFit:
-    """Return a fit without a delay, or the one with that which shows beside what was missing."""
+    """Return a fit without a delay, or the one with that which shows beside what was missing.
+
+    One ahead of the commands, as steps of a simulator make it, where the motion is clearly nearer so: what it leaves
+    looks like further effects otherwise.
+    """
     if fit.delays.any():
         return fit
     free = refitted(fit, [item.run for item in fit.tracked], fit.z)
-    if free is None or not shows_delays(free) or not (free.delays > 0).all() or nearer_by(free, fit) <= 0:
+    if free is None or not shows_delays(free):
         return fit
-    return replace(free, held=fit.held)
+    least = 0.0 if (free.delays > 0).all() else NEARER
+    return replace(free, held=fit.held) if nearer_by(free, fit) > least else fit

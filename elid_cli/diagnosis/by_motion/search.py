@@ -148,7 +148,7 @@ def search(
             dropped = _dropped(dropped, best, named)
             waiting = []
             if named:  # they may have hidden how friction turns
-                fit = with_own_values_again(softened_again(fit))
+                fit = with_own_values_again(softened_again(with_delay(fit) if kept else fit))
                 softer, known = softer | gains_of(fit), len(fit.effects) - len(named)
         if named:
             fit, named = _among_rivals(fit, named, known)

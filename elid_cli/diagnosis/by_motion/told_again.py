@@ -40,6 +40,9 @@ def told_otherwise(signals: Signals, runs: Sequence[Run], whole: Found) -> Signa
     z[after.unknowns.delays] += (0.5 if smooth else -0.5) * taken.dt
     other = refitted(after, [replace(item.run, smooth=smooth) for item in after.tracked], z)
     other = None if other is None else tuned(whole, other, [replace(run, smooth=smooth) for run in runs])
+    # with a delay that is free in one of both alone, that one takes up a simulator's short steps as well
+    free = after if after.delays.any() else refitted(after, [item.run for item in after.tracked], after.z)
+    after = after if free is None else free
     if other is None or clearly_nearer(after, other):
         return None
     # no drive is ahead of its commands

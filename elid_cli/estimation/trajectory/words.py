@@ -81,12 +81,13 @@ def owned_words(fit: TrajectoryFit, only: Callable[[str, str], bool] = lambda ki
 
 def late_words(robot: Robot, fit: TrajectoryFit) -> str:
     """Return how late the motion is in each recording, and which joints are later than the others."""
-    usual = ", ".join(f"{1e3 * delay:.2g}" for delay in fit.delays)
+    sign, side = (-1.0, "ahead of") if (fit.delays < 0).all() else (1.0, "later than")
+    usual = ", ".join(f"{1e3 * sign * delay:.2g}" for delay in fit.delays)
     extra = np.broadcast_to(fit.tracked[0].run.extra, robot.n).tolist()
     apart = [f"{name} {1e3 * more:.2g} ms later than that" for name, more in zip(robot.joint_names, extra, strict=True)
              if more]  # fmt: skip
     same = " (the same is assumed for all drives)" if robot.n > 1 and fit.delays.any() and not apart else ""
-    return f"the motion is {', '.join((f'{usual} ms later than the commands{same}', *apart))}"
+    return f"the motion is {', '.join((f'{usual} ms {side} the commands{same}', *apart))}"
 
 
 def doubt_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
