@@ -41,6 +41,8 @@ TIME, OTHERS = "time", "other joints' speed"
 DEFLECTION = "deflection alone"
 """What a residual follows that the whole joint's torque has hardly any of: no torque noise, but a fault of the
 transmission or its encoders."""
+FACTOR = "factor"
+"""What a residual follows that holds next to nothing of a gain of its torque, which other values took up."""
 SLOW = 0.5
 """Part of the torque's memory from which a residual is too slow for noise."""
 TAKEN = 0.3

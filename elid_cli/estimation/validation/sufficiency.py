@@ -21,11 +21,13 @@ from elid_cli.estimation.regression.nuisances import delay_columns, offset_colum
 from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.result import BaseEstimate, Identification
+from elid_cli.estimation.validation.absorbed_gains import absorbed_gains
 from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import (
     APART,
     DEFLECTION,
+    FACTOR,
     LOGS,
     OTHERS,
     PACE,
@@ -39,6 +41,7 @@ from elid_cli.estimation.validation.following import (
 from elid_cli.estimation.validation.movable import Missing, movable
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
 from elid_cli.estimation.validation.one_moment import moment_of
+from elid_cli.estimation.validation.other_positions import moved_by_other_positions
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.estimation.validation.unpredicted import unpredicted
@@ -176,7 +179,14 @@ def judge_model(fit: DefaultFit) -> Judgement:
 
     seen = _judged_rows(part.signals, observation, left, floor, own, fitted=True)
     biased = movable(part, seen.missing, seen.curves) if seen.missing else np.zeros(fit.base.count, dtype=bool)
-    return Judgement(tuple(seen.noise), tuple(seen.insufficient), biased, columns_of(noise))
+    gains = absorbed_gains(part)
+    biased |= gains.moved | moved_by_other_positions(part)
+    quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
+    names = observation.robot.joint_names
+    off = {names[k] for k in gains.gains if quiet}  # what else is missing may look like a gain
+    factors = [Insufficient(n.joint, n.rows, n.ratio, FACTOR, 0.0) for n in seen.noise if n.joint in off
+               and n.rows == "sum"]  # fmt: skip
+    return Judgement(tuple(seen.noise), (*seen.insufficient, *factors), biased, columns_of(noise))
 
 
 def judge_prediction(found: Validation) -> Judgement:

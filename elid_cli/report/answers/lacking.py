@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
-from elid_cli.estimation.validation.following import APART, DEFLECTION, LOGS, PACE
+from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE, UNCLEAR
 from elid_cli.logs.adapt import YIELDING
 from elid_cli.model.effects import effect_classes
@@ -187,15 +187,19 @@ def loud_joints(noise: Sequence[RowNoise]) -> list[str]:
 
 def rows_words(rows: Sequence[Insufficient]) -> str:
     """Return rows with their residual over noise, the worst of each joint."""
+    scaled = [item.joint for item in rows if item.follows == FACTOR]
     worst: dict[str, Insufficient] = {}
     for item in sorted(rows, key=lambda item: item.ratio):
-        worst[item.joint] = item
+        if item.follows != FACTOR:
+            worst[item.joint] = item
     ranked = sorted(worst.items(), key=lambda pair: -pair[1].ratio)
     said = [
         f"the residual of {joint} {follows_words(item.follows)} ({number_text(item.ratio, 2)} times the sensors' noise)"
         for joint, item in ranked[:NAMED]
     ]
-    return "; ".join((*said, *([f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else ())))
+    said += [f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else []
+    said += [f"the torque of {' or '.join(scaled)} looks off by a factor, which other values take up"] if scaled else []
+    return "; ".join(said)
 
 
 def follows_words(variable: str) -> str:

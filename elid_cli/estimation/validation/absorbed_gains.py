@@ -1,0 +1,83 @@
+"""Whether the torque of one joint is off by a factor against the others': other parameters take that up.
+
+One joint's torque enters its own equations alone, while bodies are common to several: a factor on it shows in what
+these do not agree on. Frictions, rotors and first moments take up most of it, off by many of their standard errors, and
+what is left drowns in the noise. Its size is asked instead, as the diagnosis does (`diagnosis.search.absorbed`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.data import Solved
+from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.regression.covariance import residuals
+from elid_cli.estimation.regression.standard_errors import covariance_of
+from elid_cli.estimation.regression.triangles import ExtraColumns
+from elid_cli.model.effects import effect_that
+from elid_cli.model.regressor import EstimationRow
+
+SURE, NOISY = 5.0, 1.4
+"""Standard errors by which a gain must differ from 0, and factor on these where elastic joints have two encoders: their
+noise in the columns is in no standard error."""
+LEAST = 0.005
+"""Gain that counts: sensors and constants of torques are hardly known better."""
+AS_WELL = 25.0
+"""Fall of squared standard errors from the surest gain up to which another joint's may be the one."""
+MOVED = 2.0
+"""Standard errors by which a gain moves a base parameter that may be biased."""
+
+
+class AbsorbedGains(NamedTuple):
+    """Gains of torques that a fit took for other values of its parameters."""
+
+    gains: dict[int, float]
+    """By joint, the surest first: logged torque over the one that acts, less 1. One of them, or several."""
+    moved: NDArray[np.bool_]
+    """Base parameters that they move, (b,)."""
+
+
+def absorbed_gains(fit: DefaultFit) -> AbsorbedGains:
+    """Return the gains of torques that a fit shows, each taken alone, where several joints have a logged torque."""
+    none = AbsorbedGains({}, np.zeros(fit.base.count, dtype=bool))
+    extras = {} if fit.data.facts.computed.any() else _columns(fit)
+    if len(extras) < 2:  # a factor common to all scales every parameter
+        return none
+    least = SURE * (NOISY if fit.model.robot.elastic.any() else 1.0)
+    before, values = fit.deviations(fit.covariance), fit.transform @ fit.solution.values
+    found: dict[int, tuple[float, float, NDArray[np.bool_]]] = {}
+    for joint, extra in extras.items():
+        solved = Solved.of(fit.base, fit.data, (*fit.nuisances, extra), fit.effects)
+        column = fit.model.parameters + len(fit.nuisances)
+        where = np.flatnonzero(solved.solution.basis == column)
+        if not len(where) or not solved.solution.determined(column):
+            continue
+        gain, error = float(solved.solution.values[column]), float(np.sqrt(covariance_of(solved)[where[0], where[0]]))
+        shift = np.abs(solved.transform @ solved.solution.values - values)
+        found[joint] = gain, abs(gain) / max(error, 1e-300), shift > MOVED * before
+    sure = {k: item for k, item in found.items() if item[1] > least and abs(item[0]) > LEAST}
+    most = max((item[1] for item in sure.values()), default=0.0)
+    told = sorted((k for k, item in sure.items() if item[1] ** 2 >= most**2 - AS_WELL), key=lambda k: -sure[k][1])
+    moved = np.any([none.moved, *(sure[k][2] for k in told)], axis=0)
+    return AbsorbedGains({k: sure[k][0] for k in told}, moved)
+
+
+def _columns(fit: DefaultFit) -> dict[int, ExtraColumns]:
+    """Return the torque that the fit predicts as a column in the rows of each joint's motor."""
+    observation, declared = fit.observation, effect_that(of_drive="gain").name
+    left = residuals(observation, fit.solution.values, fit.extras)
+    scaled = {spec.joint for spec in fit.model.robot.effects if spec.effect == declared}
+    present = {group.row for group in observation.groups if group.count}
+    found = {}
+    for k, name in enumerate(fit.model.robot.joint_names):
+        whole = EstimationRow("sum", k)
+        if whole not in present or whole not in left or name in scaled:
+            continue
+        predicted: Array = (observation.tau[k] - left[whole])[None]
+        acted = (whole, EstimationRow("motor", k), EstimationRow("drive", k))
+        found[k] = ExtraColumns("gain", {row: predicted for row in acted if row in present}, ("1",))
+    return found
