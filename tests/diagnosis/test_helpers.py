@@ -46,6 +46,8 @@ def test_left_out_torque_decides_what_a_robot_is_written_with() -> None:
     assert worse(before, {"a": error(0.5), "b": error(1.02)}) == ()
     assert worse(before, {"a": error(0.5), "b": error(1.1)}) == ("b",)
     assert worse(before, {"a": error(1.02), "b": error(1.01)}) == ("a", "b")
+    assert worse(before, {"a": error(0.2), "b": error(1.04)}) == ()  # it gains far more than it costs
+    assert worse(before, {"a": error(0.2), "b": error(1.12)}) == ("b",)
 
 
 def test_what_lies_between_motor_and_link_stays_as_found(robot: Robot) -> None:

@@ -26,6 +26,8 @@ from elid_cli.signals.recording import LINK_SENSORS
 
 NOTHING = 1e-30
 """An effort or velocity, in SI units, that is none: its square may not even be a number."""
+COUNTS_AS_RIGID = "its transmission counts as rigid"
+"""What a warning says of a joint whose two positions differ as its torque does."""
 ZERO_IS_ABSENT = ("tau", "tau_link", "dq", "dtheta")
 
 
@@ -105,7 +107,7 @@ def _deflecting(
         if by:
             size = f"{1e3 * by:.2g} mrad" if joint.revolute else f"{1e3 * by:.2g} mm"
             said.append(
-                f"{joint.name}: its transmission counts as rigid, but motor and link position differ by {size} (rms) "
+                f"{joint.name}: {COUNTS_AS_RIGID}, but motor and link position differ by {size} (rms) "
                 f"that follow the torque: declare transmission: elastic {robot.place_to_say}"
             )
     return said

@@ -16,6 +16,7 @@ from elid_cli.estimation.judgement import EQUATIONS, JointError
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers import missing
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
+from elid_cli.report.answers.elasticity_words import own_elasticity
 from elid_cli.report.answers.error_tables import LIGHTS, SIDE_NOTES, torque_unit
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.report.answers.summary import AT_FLOOR, light, listed, share_text
@@ -148,7 +149,7 @@ def also_words(found: Diagnosis, effect: FoundEffect) -> str:
     beside = {(other, e.joint) for e in found.effects for other in effect_classes()[e.effect].comes_with}
     kind = effect_classes()[effect.effect]
     asked = (effect.effect, effect.joint) in beside
-    return missing.own_elasticity(found, effect) or ("" if asked else kind.taken)
+    return own_elasticity(found, effect) or ("" if asked else kind.taken)
 
 
 def _explained(c: Contribution) -> float:

@@ -10,9 +10,11 @@ from elid_cli.diagnosis import Diagnosis, FoundEffect, Rival, Unexplained
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import HIGH, RowState, suspects
 from elid_cli.diagnosis.unexplained import HELD_OUT
+from elid_cli.estimation.validation.following import FACTOR
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
+from elid_cli.report.answers.elasticity_words import own_elasticity, taken_as_rigid
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.answers.lacking import follows_words, moment_words
 from elid_cli.report.answers.summary import called, listed
@@ -202,35 +204,10 @@ def _absorbed_words(told: DiagnosisInput, named: Sequence[Contribution]) -> str:
     return f" Base parameters can take up nearly all of {them}, and the error hardly shows that{off}."
 
 
-def taken_as_rigid(found: Diagnosis) -> str:
-    """Return which joints that the robot file has elastic are rigid in this log and left with a residual."""
-    high = {row.joint for row in found.rows_after if row.high} | {item.joint for item in found.unexplained}
-    names = [name for name in found.yielding if name in high]
-    if not names:
-        return ""
-    who = "it is" if len(names) == 1 else "they are"
-    return (
-        f" The robot file has {listed(names)} elastic; without link position {who} rigid here, and the elasticity may "
-        "be what is left: elid identify looks for it."
-    )
-
-
-def own_elasticity(found: Diagnosis, effect: FoundEffect) -> str:
-    """Return what a mode at a joint may be whose elasticity the robot file declares and no link position shows.
-
-    The model takes such a joint as rigid, and its link swings against its motor as a structure would; nothing of
-    others.
-    """
-    if not effect_classes()[effect.effect].like_a_spring or effect.joint not in found.yielding:
-        return ""
-    return (
-        f"It may be the elasticity of {effect.joint} itself: the robot file has this joint elastic, and without link "
-        "position the log shows its antiresonance as such a mode. elid identify looks for its stiffness."
-    )
-
-
 def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:
     """Return how much is left at a joint that nothing explains, and what it goes with."""
+    if all(u.variable == FACTOR for u in found.unexplained if u.joint == joint):
+        return f" The torque of {joint} looks off by a factor, which other values take up: too little is left to tell."
     worst = max((u for u in found.unexplained if u.joint == joint), key=lambda u: held_out_size(found, u)[1])
     names = [words if (words := variable_words(name)) == "time" else f"the {words}"
              for name, _ in left_follows(found, worst)]  # fmt: skip

@@ -18,9 +18,9 @@ from elid_cli.estimation.motor_side import door
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import read_recording, write_recording
+from elid_cli.report.answers.elasticity_words import own_elasticity, taken_as_rigid
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.lacking import words_of
-from elid_cli.report.answers.missing import own_elasticity, taken_as_rigid
 from elid_cli.report.figures import figures_of, panels_of
 from elid_cli.report.figures.drawing import Rule
 from elid_cli.report.figures.input import FigureInput
