@@ -18,6 +18,7 @@ from elid_cli.estimation.motor_side import door
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import read_recording, write_recording
+from elid_cli.logs.checks.required import COUNTS_AS_RIGID
 from elid_cli.report.answers.elasticity_words import own_elasticity, taken_as_rigid
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.lacking import words_of
@@ -145,6 +146,14 @@ def test_diagnose_says_that_a_mode_may_be_the_joint_itself(elastic: bool) -> Non
     left = Unexplained("joint1", "sum", "load", 0.3, 1.0, 20.0, ())
     said = taken_as_rigid(replace(found, effects=(), unexplained=(left,)))
     assert ("The robot file has joint1 elastic" in said) == elastic
+    geared = robot.joints[0].gear_ratio is not None
+    assert ("The robot file has joint1 rigid; a transmission that yields" in said) == (geared and not elastic)
+    line = f"joint1: {COUNTS_AS_RIGID}, but motor and link position differ"
+    warned = replace(found, effects=(), unexplained=(left,), recording=replace(found.recording, warnings=(line,)))
+    assert (
+        taken_as_rigid(warned) == " The transmission of joint1 yields: declared elastic, what that does is taken out."
+    )
+    assert "yields" not in taken_as_rigid(replace(warned, unexplained=(), rows_after=()))
 
 
 def test_a_written_robot_is_elastic_where_the_stiffness_is_supported(elastic: Identification) -> None:
