@@ -7,6 +7,7 @@ what is left drowns in the noise. Its size is asked instead, as the diagnosis do
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +42,17 @@ class AbsorbedGains(NamedTuple):
     """Base parameters that they move, (b,)."""
 
 
-def absorbed_gains(fit: DefaultFit) -> AbsorbedGains:
-    """Return the gains of torques that a fit shows, each taken alone, where several joints have a logged torque."""
+def absorbed_gains(fit: DefaultFit, quiet: Mapping[EstimationRow, float]) -> AbsorbedGains:
+    """Return the gains of torques that a fit shows, each taken alone, where several joints have a logged torque.
+
+    Parameters
+    ----------
+    fit
+        The fit, whose samples are at hand.
+    quiet
+        Residual of every row, N·m, up to which noise is all that is left: what a gain must come down to. Where more is
+        missing, that may look like a gain.
+    """
     none = AbsorbedGains({}, np.zeros(fit.base.count, dtype=bool))
     extras = {} if fit.data.facts.computed.any() else _columns(fit)
     if len(extras) < 2:  # a factor common to all scales every parameter
@@ -54,7 +64,8 @@ def absorbed_gains(fit: DefaultFit) -> AbsorbedGains:
         solved = Solved.of(fit.base, fit.data, (*fit.nuisances, extra), fit.effects)
         column = fit.model.parameters + len(fit.nuisances)
         where = np.flatnonzero(solved.solution.basis == column)
-        if not len(where) or not solved.solution.determined(column):
+        rest = {row: solved.triangles.rms(solved.solution.values, row) for row in quiet if row in solved.triangles.rows}
+        if not len(where) or not solved.solution.determined(column) or any(rest[row] > quiet[row] for row in rest):
             continue
         gain, error = float(solved.solution.values[column]), float(np.sqrt(covariance_of(solved)[where[0], where[0]]))
         shift = np.abs(solved.transform @ solved.solution.values - values)

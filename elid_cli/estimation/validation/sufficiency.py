@@ -179,7 +179,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
 
     seen = _judged_rows(part.signals, observation, left, floor, own, fitted=True)
     biased = movable(part, seen.missing, seen.curves) if seen.missing else np.zeros(fit.base.count, dtype=bool)
-    gains = absorbed_gains(part)
+    gains = absorbed_gains(part, {row: ABOVE * rms for row, rms in floor.rms.items() if row in left})
     biased |= gains.moved | moved_by_other_positions(part)
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
     names = observation.robot.joint_names
