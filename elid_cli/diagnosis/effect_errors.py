@@ -1,4 +1,4 @@
-"""Standard errors of the parameters of an effect, its shapes and amplitudes together."""
+"""Standard errors of the parameters of effects, their shapes and amplitudes together."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.event_times import INSTANT
+from elid_cli.estimation.regression.held_effects import HeldErrors, places_of
 
 RISE = 0.35
 """Time in which a jump rises behind a low-pass, over the inverse of its cut-off: motion and torque do not jump."""
@@ -44,3 +45,18 @@ def standard_errors(state: State, number: int) -> dict[str, float]:
     if effect.local and INSTANT in found and np.isfinite(cutoff):
         found[INSTANT] = float(np.hypot(found[INSTANT], RISE / cutoff))
     return found
+
+
+def held_errors(state: State) -> HeldErrors | None:
+    """Return how well the effects of a model are known, for a fit that holds them; None where no shape was fitted."""
+    covariance, shapes = state.covariance_with_shapes
+    if not shapes:
+        return None
+    places = {}
+    for number, place in enumerate(places_of(state.specs)):
+        columns = range(*state.place(number).indices(len(state.solution.values)))
+        where = (np.flatnonzero(state.solution.basis == column) for column in columns)
+        amplitudes = [int(found[0]) if len(found) else -1 for found in where]
+        own = [at for (effect, _), at in shapes.items() if effect == number]
+        places[place] = np.array([*amplitudes, *own], dtype=np.intp)
+    return HeldErrors(covariance, places)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from elid_cli.diagnosis.effect_errors import held_errors
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.form_errors import reaching_forms
@@ -57,7 +58,8 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
     if state.known is not None:  # a collocation holds the trajectory to the equations: its deflections are no noise
         found = assemble(DefaultFit(**vars(solved), covariance=state.known), options)
     else:
-        covariance = covariance_of(replace(solved, nuisances=state.extras))
+        shaped = any(item.free for item in state.solved.effects.effects) if state.solved.effects else False
+        covariance = covariance_of(state.solved if shaped else replace(solved, nuisances=state.extras))
         _, _, found = judged(DefaultFit(**vars(solved), covariance=covariance), options)
     whole = {"instants": log.observation.instants, "masked": [float(share) for share in log.observation.masked]}
     effects = tuple(FittedEffect(s.effect, s.joint, s.parameters, {}) for s in state.specs[:declared])
@@ -168,7 +170,8 @@ def _identified_again(
     joints = tuple(
         replace(joint, parameters=own.parameters) for joint, own in zip(described_.joints, robot.joints, strict=True)
     )
-    options = EstimateOptions(fit="torque", hold=hold)
+    # what is held loosely is estimated again, shapes and all
+    options = EstimateOptions(fit="torque", hold=hold, held=held_errors(state) if hold < LOOSE else None)
     fitted = replace(described_, joints=joints, effects=tuple(held)), moved
     try:
         found = identify(*fitted, options)

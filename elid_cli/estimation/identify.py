@@ -24,6 +24,7 @@ from elid_cli.estimation.known_load import with_load
 from elid_cli.estimation.loops_of_torque import with_loop_words
 from elid_cli.estimation.motor_side.door import asked_motor_side, asks, fitted_below, with_motor_side
 from elid_cli.estimation.reading import read_signals
+from elid_cli.estimation.regression.held_effects import beside_held
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
@@ -145,6 +146,8 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     plain = free_of_delays(described) if options.delays else described
     robot, signals = with_loops(plain, signals)
     fit, pose = fit_in_pose(robot, signals, options)
+    if options.held is not None:
+        fit = replace(fit, covariance=beside_held(fit, fit.covariance, options.held))
     fit, refused, answer = judged(fit, options)
     judgement = judge_model(fit) if options.guards else None
     fit = with_pull_of_noise(with_scatter(fit, judgement), [judgement])

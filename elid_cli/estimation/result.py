@@ -22,6 +22,7 @@ from elid_cli.tables import Shown
 
 if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.result import MotorSide
+    from elid_cli.estimation.regression.held_effects import HeldErrors
 
 Verdict = Literal["supported", "weak", "refused"]
 
@@ -48,6 +49,8 @@ class EstimateOptions:
     """Leave out reversals of the motors; None: of those motors that do not follow Coulomb friction there."""
     hold: float = 0.0
     """Declared effects keep their shapes, and amplitudes within this part of what is declared; 0: all is fitted."""
+    held: HeldErrors | None = None
+    """How well the effects that are held are known; None: standard errors beside them take them for known."""
     valleys: bool = True
     """Look for other valleys of the declared effects' shapes than the one that they start in."""
     guards: bool = True

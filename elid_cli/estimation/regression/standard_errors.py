@@ -31,7 +31,7 @@ def covariance_of(fit: Solved) -> Array:
     covariance = covariance_with_shapes(fit)
     if covariance is None:
         covariance = fit.data.covariance(fit.solution, fit.extras)
-    return covariance[:size, :size] * _few(fit.data.facts, fit.triangles, size) ** 2
+    return covariance[:size, :size] * few(fit.data.facts, fit.triangles, size) ** 2
 
 
 def covariance_with_dropped(fit: Solved, covariance: Array) -> Array:
@@ -129,7 +129,7 @@ def freedom(facts: SignalFacts, triangles: Triangles, fitted: int) -> float:
     return max(share * min(counts) - fitted / len(counts), 1.0)
 
 
-def _few(facts: SignalFacts, triangles: Triangles, fitted: int) -> float:
+def few(facts: SignalFacts, triangles: Triangles, fitted: int) -> float:
     """Return the factor on standard errors of a log that is short.
 
     Student's t is wider than the normal distribution, and a fit takes its parameters' share of the residual away.
