@@ -227,7 +227,7 @@ def _quiet(rows: Sequence[RowState], joint: str) -> bool:
 def moved(before: State, after: State) -> tuple[Moved, ...]:
     """Return the base parameters with their shift in standard deviations, largest first."""
     base = before.log.base
-    new, deviation, known = after.base_values(base)
+    new, deviation, known = after.base_values(base, shapes=True)
     old = base.transform @ before.standard
     shifts = [
         Moved(name, float(a), float(b), float((b - a) / d))

@@ -193,10 +193,15 @@ class State:
             if value < 0 and name.kind in POSITIVE and self.log.base.classes[name] == "independent"
         )
 
-    def base_values(self, base: BaseParameters) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return base parameters, of this state or another, their standard errors, which are determined, (b,) each."""
+    def base_values(self, base: BaseParameters, *, shapes: bool = False) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return base parameters, of this state or another, their standard errors, which are determined, (b,) each.
+
+        `shapes`: with the effects' shapes unknown.
+        """
         fit = Solved(base, self.log.data, self.extras, None, self.triangles, self.solution)
-        return base.transform @ self.standard, fit.deviations(self.covariance), self.solution.estimable(fit.transform)
+        whole, fitted = self.covariance_with_shapes if shapes else (self.covariance, {})
+        spread = whole[: len(self.solution.basis), : len(self.solution.basis)] if fitted else self.covariance
+        return base.transform @ self.standard, fit.deviations(spread), self.solution.estimable(fit.transform)
 
     def rms(self, row: EstimationRow) -> float:
         """Return the training residual rms of a row group, N·m."""

@@ -18,8 +18,9 @@ from elid_cli.estimation.data import Solved
 from elid_cli.estimation.regression.covariance import sandwich
 from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_columns
 from elid_cli.estimation.regression.least_squares import solve
+from elid_cli.estimation.regression.long_run import at_least
 from elid_cli.estimation.regression.rotor_shares import rotor_columns
-from elid_cli.estimation.regression.standard_errors import covariance_of, few, with_prior
+from elid_cli.estimation.regression.standard_errors import few, with_prior
 from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.model.effects.declared import Declared
 from elid_cli.robot.robot import EffectSpec
@@ -74,12 +75,8 @@ def beside_held(fit: Solved, covariance: Array, held: HeldErrors) -> Array:
     found = told @ spread @ told.T
     found[: len(given), : len(given)] += given * few(fit.data.facts, fit.triangles, len(basis)) ** 2
     kept = [order[int(column)] for column in basis]
-    found = found[np.ix_(kept, kept)]
-    if fit.before is not None and fit.data.facts.computed.any():
-        found = found + (
-            covariance - covariance_of(fit)
-        )  # what nuisances that were dropped add (`covariance_with_dropped`)
-    return np.asarray(found)
+    # where the log says more than what they are held to, the fit has its own values of them, and errors
+    return at_least(found[np.ix_(kept, kept)], np.diag(covariance))
 
 
 def _held(items: Sequence[Declared]) -> NDArray[np.intp]:
