@@ -84,6 +84,37 @@ def test_options_of_logs_are_not_passed_over(files: list[str], capsys: pytest.Ca
     ]
 
 
+def test_a_rise_over_few_recordings_is_told_and_a_gate_fails_on_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of four recordings a line is not certain among many parameters, however far beyond the errors it rises."""
+    rng, files = np.random.default_rng(2), list[str]()
+    for k, rising in enumerate((1.1006, 1.2, 1.317, 1.43)):
+        values = {"fs3": rising} | {f"p{j}": 1.0 + 0.0012 * rng.standard_normal() for j in range(21)}
+        entries = [{"name": n, "unit": "N·m", "estimate": v, "std_error": 0.0012} for n, v in values.items()]
+        files.append(str(tmp_path / f"{k}.json"))
+        Path(files[-1]).write_text(json.dumps({
+            "schema": "elid/1", "command": "identify", "robot": "arm", "joints": ["a", "b", "c"],
+            "base_parameters": entries}))  # fmt: skip
+    assert main(["trend", *files, "--fail-on-trend"]) == 0
+    out, err = capsys.readouterr()
+    said = " ".join(out.split())
+    assert "Nothing" not in said
+    assert "No trend and no step is certain, but recordings disagree in fs3." in said
+    assert "fs3 by up to 30 % (194 standard errors)" in said
+    assert "4 recordings are too few to tell whether it follows time" in said
+    assert "lets recordings that disagree pass (fs3): --fail-on-disagreement fails on them" in err
+    assert main(["trend", *files, "--fail-on-disagreement"]) == 1
+    assert "recordings disagree: fs3 by up to 30 %" in capsys.readouterr().err
+
+
+def test_a_quiet_machine_passes_both_gates(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["trend", *files, "--fail-on-trend", "--fail-on-disagreement"]) == 0
+    out, err = capsys.readouterr()
+    assert "Nothing, of 2 parameters" in out
+    assert "disagree" not in err
+
+
 def test_a_log_that_it_identifies_itself_tells_what_a_saved_result_tells(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,6 +30,12 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Fail when a parameter changes or has changed, or a recording stands out.",
 )
+@options.option(
+    options.GATES,
+    "--fail-on-disagreement",
+    is_flag=True,
+    help="Fail when recordings differ by more than their standard errors say, in time or not.",
+)
 @options.reading
 @options.conditioning
 @options.output
@@ -38,6 +44,7 @@ def trend(
     robot: str | None,
     by: str,
     fail_on_trend: bool,
+    fail_on_disagreement: bool,
     reading: Reading,
     conditioning: SignalOptions,
     output: Output,
@@ -76,12 +83,14 @@ def trend(
         hours = [Path(name).stat().st_mtime / 3600.0 for name in recordings] if by == "time" else None
         places = None if hours is None else [value - min(hours) for value in hours]
         found = over_recordings(results, places, "recording" if hours is None else "hour")
-        unused = _unused(len(recordings) - len(logs), len(logs))
-        report = trend_report(found, unused)
+        remarks = _unused(len(recordings) - len(logs), len(logs))
+        remarks += _let_pass(found) if fail_on_trend and not fail_on_disagreement else []
+        report = trend_report(found, remarks)
         report = illustrated(report, output, lambda build: build.trend_figures(found))
-    note((*unused, *found.warnings), output, "warning")
+    note((*remarks, *found.warnings), output, "warning")
     emit(report, output)
-    if fail_on_trend and (broken := _broken(found)):
+    broken = [*(_broken(found) if fail_on_trend else ()), *(_disagreeing(found) if fail_on_disagreement else ())]
+    if broken:
         raise LimitError("; ".join(broken))
 
 
@@ -112,6 +121,24 @@ def _broken(found: Trends) -> list[str]:
     moved = [item.series.name for item in found.of("trend", "step")]
     moved += [f"{item.kind} of all joints" for item in found.families if item.word == "trend"]
     return [*outlying_words(found), *([f"{', '.join(moved)}: changed over the recordings"] if moved else [])]
+
+
+def _disagreeing(found: Trends) -> list[str]:
+    """Return what ``--fail-on-disagreement`` fails on."""
+    from elid_cli.report.answers.trend import disagreeing_words
+
+    return [f"recordings disagree: {disagreeing_words(found)}"] if found.disagreeing else []
+
+
+def _let_pass(found: Trends) -> list[str]:
+    """Return a sentence on what may be a trend, where ``--fail-on-trend`` does not fail on it."""
+    from elid_cli.report.answers.summary import called, counted
+
+    names = [called(item.series.name) for item in found.disagreeing if item.series.undecided]
+    if not names:
+        return []
+    return [f"--fail-on-trend lets recordings that disagree pass ({counted(names, ', ')}): "
+            "--fail-on-disagreement fails on them"]  # fmt: skip
 
 
 def _identified(source: Source, output: Output) -> SavedResult:

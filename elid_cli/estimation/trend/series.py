@@ -20,6 +20,8 @@ from elid_cli.estimation.regression.long_run import student_quantile
 Word = Literal["steady", "trend", "step", "disagrees"]
 LEAST = 3
 """Recordings on each side of a step, and the least for a line with an error."""
+DOUBTFUL = 0.05
+"""Largest p-value of a line, by itself, from which it is not said that no line explains values."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,17 @@ class Series:
     step: Step | None
     heterogeneity_p: float
     """Chance that the errors alone scatter values as far from their mean."""
+
+    @property
+    def widest(self) -> tuple[int, int]:
+        """Numbers of the recordings of the smallest and the largest value, the earlier one first."""
+        one, other = sorted((int(np.argmin(self.values)), int(np.argmax(self.values))))
+        return one, other
+
+    @property
+    def undecided(self) -> bool:
+        """Whether values that differ may yet follow time: too few for a step, or along a line that is not certain."""
+        return len(self.values) < 2 * LEAST or self.slope_p < DOUBTFUL
 
 
 def series_of(name: str, unit: str, place: Array, values: Array, errors: Array) -> Series:

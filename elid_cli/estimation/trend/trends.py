@@ -82,6 +82,11 @@ class Trends(Shown):
         """Return the parameters with these verdicts."""
         return tuple(item for item in self.trends if item.word in words)
 
+    @property
+    def disagreeing(self) -> tuple[Trend, ...]:
+        """Parameters in which recordings that do not stand out disagree."""
+        return tuple(item for item in self.of("disagrees") if item.scattered)
+
 
 def _checked(places: Sequence[float], count: int) -> Array:
     """Return the places of so many results, (R,); refuse others."""

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
 from elid_cli.estimation.trend.families import JOINTS
 from elid_cli.estimation.trend.trends import Trend, Trends
 from elid_cli.report.answers.summary import called, counted
@@ -97,6 +99,9 @@ def _changed(found: Trends) -> str:
     together = family_sentences(found, "trend")
     if not moved and together:
         return f"{' '.join(together)} No parameter alone."
+    if not moved and found.disagreeing:
+        names = counted([called(item.series.name) for item in found.disagreeing], ", ")
+        return f"No trend and no step is certain, but recordings disagree in {names}."
     if not moved:
         return (
             f"Nothing, of {len(found.trends)} parameters: at most one machine in a hundred is called changed by chance."
@@ -118,15 +123,38 @@ def changed_by(item: Trend) -> str:
 
 
 def _disagreeing(found: Trends) -> str:
-    apart = [item for item in found.of("disagrees") if item.scattered]
+    apart = found.disagreeing
     if not apart:
         return "No parameter scatters farther than errors, trends and steps explain."
-    names = counted([called(item.series.name) for item in apart], ", ")
-    told = f"{names}: recordings differ by more than their errors say, and no trend explains it."
+    told = f"{disagreeing_words(found)}: recordings differ by more than their errors say{_whether_a_trend(found)}."
     together = {name for family in found.families for name in family.names}
     if "temperature" in found.conditions and not any(item.series.name in together for item in apart):
         told += f" Their temperature was not tried: that needs parameters of one kind at {JOINTS} joints."
     return told
+
+
+def disagreeing_words(found: Trends) -> str:
+    """Return the parameters in which recordings disagree, the clearest first, and by how much of the first few."""
+    told = []
+    for item in found.disagreeing:
+        s = item.series
+        one, other = s.widest
+        size = abs(float(s.values[other] - s.values[one]))
+        deviations = size / max(float(np.hypot(s.errors[one], s.errors[other])), 1e-300)
+        by = change_words(size, float(s.values[one]), s.unit).removeprefix("+")
+        told.append((deviations, f"{called(s.name)} by up to {by} ({number_text(deviations, 3)} standard errors)"))
+    told.sort(key=lambda one: -one[0])
+    return counted([words for _, words in told], ", ")
+
+
+def _whether_a_trend(found: Trends) -> str:
+    """Return whether what disagrees may be a trend of time, which few recordings do not show."""
+    open_ = [item.series for item in found.disagreeing if item.series.undecided]
+    if not open_:
+        return ", and no trend explains it"
+    who = "it" if len(found.disagreeing) == 1 else counted([called(s.name) for s in open_], ", ")
+    count = max(len(s.values) for s in open_)
+    return f"; {count} recordings are too few to tell whether {who} follow{'s' * (len(open_) == 1)} time"
 
 
 def _tables(found: Trends) -> list[Section]:
