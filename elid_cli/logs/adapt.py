@@ -16,6 +16,7 @@ from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.joints_in_names import named_joints
 from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.logs.mapping.long_table import reshaped
+from elid_cli.logs.mapping.misnamed import refuse_misnamed
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import resolve
 from elid_cli.logs.reading import converted, layers_of
@@ -72,6 +73,7 @@ def robot_as_logged(
     parts = [found for log in logs for found in _held(robot, log, mapping, auto)]
     notes = [*robot.notes, *told]
     if parts and robot.source:
+        _refuse_misnamed(robot, parts, logs, mapping)
         robot, locks = _without_absent(robot, parts)
         notes += locks
     notes = [note for note in notes if not any(note.startswith(f"{name} mimics ") for name in robot.held)]
@@ -116,6 +118,16 @@ def _without_absent(robot: Robot, parts: Sequence[_Held]) -> tuple[Robot, list[s
         said.append(f"{_count(list(still))} locked where the log has {_them(list(still))} without any motion: {where}")
     said += beyond_limits(robot, still)
     return locked(robot, still), said
+
+
+def _refuse_misnamed(
+    robot: Robot, parts: Sequence[_Held], logs: Sequence[str | Path], mapping: Mapping[str, Any] | None
+) -> None:
+    """Refuse a mapping by whose misnamed places joints would be locked (UsageError)."""
+    absent = sorted(set(robot.joint_names).difference(*(part.link | part.motor for part in parts)))
+    for log in logs if absent and mapping else ():
+        for raw, plan in _parts(robot, log, mapping):
+            refuse_misnamed(raw.channels, plan, robot, mapping or {}, absent)
 
 
 def _nearest(robot: Robot, absent: Sequence[str], parts: Sequence[_Held]) -> str:

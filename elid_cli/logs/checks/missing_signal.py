@@ -14,6 +14,7 @@ from elid_cli._types import Array
 from elid_cli.errors import LogError, first_of, in_words, nearest
 from elid_cli.logs.contract import Channel, RawLog
 from elid_cli.logs.mapping.find import ABSENT
+from elid_cli.logs.mapping.joints_in_names import named_joints
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import fits
@@ -40,7 +41,16 @@ class MissingSignal:
     def refuse(self, signal: str, joint: str, what: str) -> None:
         """Raise the LogError of one missing signal."""
         who = f" for {joint}" if joint else ""
-        raise LogError(f"{self.name}: {what}{who}", detail=self._detail(signal, joint), hint=self._hint(signal, joint))
+        detail = "; ".join(filter(None, (self._other_names(signal, joint), self._detail(signal, joint))))
+        raise LogError(f"{self.name}: {what}{who}", detail=detail, hint=self._hint(signal, joint))
+
+    def _other_names(self, signal: str, joint: str) -> str:
+        """Return what joints are called by the log and by the robot, where the log names others than one it lacks."""
+        names = named_joints(self.raw.channels)
+        if not joint or not names or self._called(self.plan.placements.get(signal), joint) in names:
+            return ""
+        own = first_of(self.robot.joint_names, LISTED)
+        return f"the log's joints are {first_of(names, LISTED)}; those of {self.robot.name!r} are {own}"
 
     def refuse_negative(self, filled: Mapping[str, Array]) -> None:
         """Raise the LogError of a gain of the log that is negative: a drive with one would run away."""
@@ -173,7 +183,10 @@ class MissingSignal:
     def _close(self, placement: Placement | None, joint: str, labels: Sequence[str]) -> str | None:
         """Return the name nearest to a joint's that no other joint of the robot has; None where none is near."""
         others = {self._called(placement, name) for name in self.robot.joint_names if name != joint}
-        return nearest(self._called(placement, joint), [label for label in labels if label not in others])
+        free = [label for label in labels if label not in others]
+        # the only name that is left is this joint's, where all others of the robot have theirs
+        only = free[0] if len(free) == 1 and others <= set(labels) and len(labels) == self.robot.n else None
+        return nearest(self._called(placement, joint), free) or only
 
     def _twice(self, placement: Placement) -> list[str]:
         """Return the joint names that a channel gives more than one column."""

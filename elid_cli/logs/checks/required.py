@@ -77,7 +77,7 @@ def check(
     read = has["tau_link"] & ~has["tau"] if "tau_link" in has else np.zeros(robot.n, bool)
     for j, joint in enumerate(robot.joints):
         if not has["q"][j] and not has["theta"][j]:
-            fault.refuse("theta", joint.name, "no position")
+            fault.refuse(_told_side(plan), joint.name, "no position")
         if not joint.elastic:
             _complete(filled, has, j)
         elif not has["theta"][j] and read[j]:
@@ -90,6 +90,12 @@ def check(
     warnings += _lacking(robot, fault, ~has["q"], ~has["tau"] & ~read, strict=strict)
     optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
     return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
+
+
+def _told_side(plan: ReadPlan) -> str:
+    """Return the position that words on a joint without one are of: the one that the log has, of other joints."""
+    link, motor = (signal in plan.placements or signal in plan.unusable for signal in ("q", "theta"))
+    return "q" if link and not motor else "theta"
 
 
 def _deflecting(

@@ -199,7 +199,7 @@ def _place_each(
             continue
         column: int | str = 0
         if channel.labels:
-            column = _log_name(spec, joint)
+            column = log_name(spec, joint)
             if column not in channel.labels and channel.width == 1:
                 column = channel.labels[0]
         elif channel.width != 1:
@@ -251,17 +251,18 @@ def sources_of(spec: SignalMap, robot: Robot, numbers: Sequence[int]) -> list[st
 
 def _filled(spec: SignalMap, pattern: str, number: int, joint: str) -> str:
     """Return a pattern with the name and number of one joint."""
-    name = _log_name(spec, joint)
+    name = log_name(spec, joint)
     number = name if isinstance(name, int) else number
     return pattern.replace("{joint}", str(name)).replace("{i}", str(number)).replace("{i0}", str(number - 1))
 
 
-def _log_name(spec: SignalMap, joint: str) -> str | int:
+def log_name(spec: SignalMap, joint: str) -> str | int:
+    """Return what a mapping says that the log calls a joint, or its column's number."""
     return spec.joints.get(joint, joint) if spec.joints else joint
 
 
 def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int | str, ...], tuple[int, ...]] | str:
-    names = [_log_name(spec, joint) for joint in robot.joint_names]
+    names = [log_name(spec, joint) for joint in robot.joint_names]
     if spec.joints is not None:
         names = [name if joint in spec.joints else None for joint, name in zip(robot.joint_names, names, strict=True)]  # type: ignore[misc]
     if all(isinstance(name, int) for name in names if name is not None) and any(name is not None for name in names):
