@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from elid_cli.errors import UsageError, in_words
-from elid_cli.estimation.same_joints import comparable
+from elid_cli.errors import UsageError, first_of, in_words
+from elid_cli.estimation.same_joints import comparable, unlike
 from elid_cli.estimation.saved_results import number_of, saved_object, told_by
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
@@ -22,6 +22,8 @@ from elid_cli.tables import Shown
 
 OFFSETS = ("offset", "reading offset")
 """Nuisances that are looked for in every log, and dropped where they do not show."""
+ONE_ROBOT = "if it is one robot, identify both logs with one robot file; --map says what a log calls its joints"
+"""What to do about results of robots whose joints have other names, where it is one robot."""
 JOINTS = 6
 """Joints that a message names."""
 
@@ -258,6 +260,12 @@ def _changes_beside(first: SavedResult, other: SavedResult) -> Iterator[Change]:
 
 
 def _compare(first: SavedResult, other: SavedResult) -> Comparison:
+    if unlike(first.joints, other.joints):
+        raise UsageError(
+            f"{other.file}: of another robot than {first.file}",
+            detail=f"its joints are {first_of(other.joints, JOINTS)}; the others are {first_of(first.joints, JOINTS)}",
+            hint=ONE_ROBOT,
+        )
     shared = [name for name in first.parameters if name in other.parameters]
     if not shared:
         raise UsageError(

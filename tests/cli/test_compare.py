@@ -189,7 +189,7 @@ def test_only_the_same_joints_are_compared(elid, tmp_path: Path) -> None:
     saved = {
         "arm.json": robot_of("base", "shoulder", "elbow"), "scara.json": robot_of("j1", "j2", "z", sliding=3),
         "lift.json": robot_of("base", "shoulder", "elbow", sliding=3),
-        "hand.json": robot_of("base", "shoulder", "w", "v"),
+        "longer.json": robot_of("base", "shoulder", "elbow", "v"),
         "right.json": robot_of("r_base", "r_shoulder", "r_elbow"),
     }  # fmt: skip
     for name, data in saved.items():
@@ -197,8 +197,8 @@ def test_only_the_same_joints_are_compared(elid, tmp_path: Path) -> None:
     refused = elid("compare", "arm.json", "scara.json", cwd=tmp_path)
     assert refused.returncode == 2
     assert "scara.json: of another robot than arm.json" in refused.stderr
-    assert "no joint of j1, j2 and z is one of base, shoulder and elbow" in refused.stderr
-    for other, joint in (("lift.json", "elbow"), ("hand.json", "elbow and w")):
+    assert "its joints are j1, j2, z; the others are base, shoulder, elbow" in refused.stderr
+    for other, joint in (("lift.json", "elbow"),):
         (found,) = json.loads(elid("compare", "arm.json", other, "--json", cwd=tmp_path).stdout)["comparisons"]
         assert [c["name"] for c in found["changes"]] == ["fs1", "fs2", "K1", "K2"]
         assert found["left_out"] == ["fs3", "K3", "m2 - 4*Izz3"]
@@ -206,6 +206,30 @@ def test_only_the_same_joints_are_compared(elid, tmp_path: Path) -> None:
         assert f"differ in joint 3 ({joint}): 3 parameters of the same name are left out" in said
     (found,) = json.loads(elid("compare", "arm.json", "right.json", "--json", cwd=tmp_path).stdout)["comparisons"]
     assert found["left_out"] == []  # two arms of one type
+    (found,) = json.loads(elid("compare", "arm.json", "longer.json", "--json", cwd=tmp_path).stdout)["comparisons"]
+    assert len(found["changes"]) == 7  # as where a joint of one of them is locked
+
+
+@pytest.mark.parametrize("joints", [("base", "hip", "elbow"), ("shoulder", "base", "elbow"), ("base", "hip", "w", "v")])
+def test_results_of_other_joints_are_refused_though_their_parameters_are_called_alike(
+    elid, tmp_path: Path, joints: tuple[str, ...]
+) -> None:
+    (tmp_path / "arm.json").write_text(json.dumps(robot_of("base", "shoulder", "elbow")))
+    (tmp_path / "other.json").write_text(json.dumps(robot_of(*joints)))
+    done = elid("compare", "arm.json", "other.json", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "other.json: of another robot than arm.json" in done.stderr
+    assert f"its joints are {', '.join(joints)}; the others are base, shoulder, elbow" in done.stderr
+    assert "identify both logs with one robot file" in done.stderr
+
+
+@pytest.mark.parametrize("form", [[], ["--json"]])
+def test_another_robot_file_with_the_same_joints_is_warned_of_in_every_form(elid, tmp_path: Path, form) -> None:
+    for name, file in (("a.json", "f1"), ("b.json", "f2")):
+        (tmp_path / name).write_text(json.dumps(robot_of("base", "shoulder") | {"robot_fingerprint": file}))
+    done = elid("compare", "a.json", "b.json", *form, cwd=tmp_path)
+    assert done.returncode == 0
+    assert "warning: b.json and a.json were found with robot files that differ in geometry" in done.stderr
 
 
 def test_the_same_result_is_called_so(elid, folder: Path) -> None:

@@ -27,14 +27,15 @@ def compare(results: tuple[str, ...], sigmas: float, fail_on_change: bool, outpu
 
     Every result is compared with the first. Listed are the parameters that changed by more than their uncertainty.
     """
-    from elid_cli.cli.output import LimitError, emit, illustrated
+    from elid_cli.cli.output import LimitError, emit, illustrated, note
     from elid_cli.estimation.comparison import compare as compare_results
     from elid_cli.estimation.comparison import read_result
-    from elid_cli.report.answers.comparison import comparison_report
+    from elid_cli.report.answers.comparison import comparison_report, doubts_of
 
     comparisons = compare_results([read_result(result) for result in results])
     report = comparison_report(comparisons, sigmas)
     report = illustrated(report, output, lambda build: build.comparison_figures(comparisons))
+    note(doubts_of(comparisons), output, "warning")
     emit(report, output)
     moved = {c.other.file: len(c.moved(sigmas)) for c in comparisons if c.moved(sigmas)}
     if fail_on_change and moved:

@@ -60,10 +60,12 @@ class Series:
     """Chance that the errors alone scatter values as far from their mean."""
 
     @property
-    def widest(self) -> tuple[int, int]:
-        """Numbers of the recordings of the smallest and the largest value, the earlier one first."""
+    def widest(self) -> tuple[float, float, float]:
+        """Return by how much values differ at most, the earlier value of the two, and the difference in its errors."""
         one, other = sorted((int(np.argmin(self.values)), int(np.argmax(self.values))))
-        return one, other
+        size = abs(float(self.values[other] - self.values[one]))
+        error = math.hypot(float(self.errors[one]), float(self.errors[other]))
+        return size, float(self.values[one]), size / max(error, 1e-300)
 
     @property
     def undecided(self) -> bool:

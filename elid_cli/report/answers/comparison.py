@@ -40,8 +40,7 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
     for k, comparison in enumerate(comparisons, start=2):
         sections += _moved(comparison, k, sigmas)
     sections += _errors(results)
-    doubts = [*_doubts(results), *(_left_out(c) for c in comparisons if c.left_out)]
-    sections += warned(doubts)
+    sections += warned(doubts_of(comparisons))
     payload = {
         "robot": results[0].robot,
         "files": [r.file for r in results],
@@ -49,6 +48,12 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
         "comparisons": [_payload(c, sigmas) for c in comparisons],
     }
     return Report("compare", payload, tuple(sections))
+
+
+def doubts_of(comparisons: Sequence[Comparison]) -> list[str]:
+    """Return what makes comparisons mean less than they say, and which joints are left out."""
+    results = [comparisons[0].first, *(c.other for c in comparisons)]
+    return [*_doubts(results), *(_left_out(c) for c in comparisons if c.left_out)]
 
 
 def _changed(comparisons: Sequence[Comparison], sigmas: float) -> str:

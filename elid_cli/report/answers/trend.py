@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
 from elid_cli.estimation.trend.families import JOINTS
 from elid_cli.estimation.trend.trends import Trend, Trends
 from elid_cli.report.answers.summary import called, counted
@@ -138,10 +136,8 @@ def disagreeing_words(found: Trends) -> str:
     told = []
     for item in found.disagreeing:
         s = item.series
-        one, other = s.widest
-        size = abs(float(s.values[other] - s.values[one]))
-        deviations = size / max(float(np.hypot(s.errors[one], s.errors[other])), 1e-300)
-        by = change_words(size, float(s.values[one]), s.unit).removeprefix("+")
+        size, before, deviations = s.widest
+        by = change_words(size, before, s.unit).removeprefix("+")
         told.append((deviations, f"{called(s.name)} by up to {by} ({number_text(deviations, 3)} standard errors)"))
     told.sort(key=lambda one: -one[0])
     return counted([words for _, words in told], ", ")
@@ -149,12 +145,12 @@ def disagreeing_words(found: Trends) -> str:
 
 def _whether_a_trend(found: Trends) -> str:
     """Return whether what disagrees may be a trend of time, which few recordings do not show."""
-    open_ = [item.series for item in found.disagreeing if item.series.undecided]
-    if not open_:
+    unclear = [item.series for item in found.disagreeing if item.series.undecided]
+    if not unclear:
         return ", and no trend explains it"
-    who = "it" if len(found.disagreeing) == 1 else counted([called(s.name) for s in open_], ", ")
-    count = max(len(s.values) for s in open_)
-    return f"; {count} recordings are too few to tell whether {who} follow{'s' * (len(open_) == 1)} time"
+    who = "it" if len(found.disagreeing) == 1 else counted([called(s.name) for s in unclear], ", ")
+    count = max(len(s.values) for s in unclear)
+    return f"; {count} recordings are too few to tell whether {who} follow{'s' * (len(unclear) == 1)} time"
 
 
 def _tables(found: Trends) -> list[Section]:
