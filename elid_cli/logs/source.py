@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import stat
 import sys
 from collections.abc import Callable
@@ -95,8 +96,14 @@ def open_source(path: str | Path, listener: Callable[[float], None] | None = Non
     LogError
         If the path does not exist, cannot be read, or is neither a file nor a folder.
     UsageError
-        If it is empty.
+        If it is empty, or no path.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise UsageError(
+            "a log is a path, not a list" if isinstance(path, list | tuple) else "a log is a path",
+            detail=f"found {path!r:.60}",
+            hint="give one log after the other" if isinstance(path, list | tuple) else "",
+        )
     name = str(path)
     if not name.strip():
         raise UsageError("an empty name is no log", hint="name the log, or the folder as .")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from elid_cli.errors import UsageError
 from elid_cli.logs.contract import Channel
 from elid_cli.logs.inspect import inspect_log
 from elid_cli.logs.mapping.suggest import suggestion
@@ -168,3 +169,10 @@ def test_damaged_files_say_what_was_lost(tmp_path: Path) -> None:
     assert info.losses
     assert any((channel.count or 0) > 100 for channel in info.channels)
     assert like(BASE).samples == 800
+
+
+@pytest.mark.parametrize("listed", [["log.csv"], ("log.csv",)])
+def test_a_list_of_logs_in_place_of_one_is_called_so(listed: object) -> None:
+    with pytest.raises(UsageError, match="a log is a path, not a list") as caught:
+        inspect_log(listed)  # type: ignore[arg-type]
+    assert "did you mean" not in caught.value.hint

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -252,6 +253,38 @@ def test_split_bags_are_one_log(tmp_path: Path) -> None:
         same(got, BASE)
         assert len(got.segments) == 1
         assert got.samples == 400
+
+
+def test_logs_of_one_time_are_no_parts_of_a_bag(tmp_path: Path) -> None:
+    """A copy beside a log, or a part of it, would count its samples again, and make errors too small."""
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    canonical(bag / "run.mcap", BASE)
+    whole = (bag / "run.mcap").read_bytes()
+    for name, data in (("copy.mcap", whole), ("cut.mcap", whole[: len(whole) // 2])):
+        (bag / name).write_bytes(data)
+        with pytest.raises(LogError, match=r"of the same time: they are not the parts of one") as caught:
+            read(bag)
+        assert caught.value.exit_code == 3
+        assert f"bag: {name} and run.mcap have messages" in str(caught.value)
+        assert "name the logs that you mean one by one" in caught.value.hint
+        (bag / name).unlink()
+    canonical(bag / "next.mcap", replace(BASE, t=BASE.t + BASE.t[-1] + BASE.dt))
+    assert read(bag).samples == 2 * BASE.samples
+
+
+def test_what_metadata_lists_is_one_bag_whatever_its_times_are(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for name in ("bag_0.mcap", "bag_1.mcap"):
+        canonical(bag / name, BASE)
+    (bag / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  relative_file_paths:\n    - bag_0.mcap\n    - bag_1.mcap\n"
+    )
+    assert read(bag).samples == 2 * BASE.samples
+    (bag / "other.mcap").write_bytes((bag / "bag_0.mcap").read_bytes())
+    with pytest.raises(LogError, match=r"other\.mcap"):
+        read(bag)
 
 
 def test_a_whole_file_in_zstd_is_read(tmp_path: Path) -> None:

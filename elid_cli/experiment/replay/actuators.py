@@ -36,7 +36,11 @@ def with_actuators(robot: Robot, path: str) -> Robot:
         specs = (*_of_channels(told), *(spec for _, spec in beside))
         held = [MeanFriction(spec, -float(item.get("in_dynamic_friction", 0.0))) for item, spec in beside]
     except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
-        raise UsageError(f"{path}: not a file of actuators: {error}", hint="--write-actuators writes one") from None
+        raise UsageError(
+            f"{path} is not a file of actuators (JSON or YAML as --write-actuators makes it)",
+            detail=_fault(error),
+            hint="a robot file is given by --robot" if path.lower().endswith((".xml", ".urdf", ".mjcf")) else "",
+        ) from None
     for spec in specs:
         if spec.joint not in robot.joint_names:
             raise UsageError(f"{path}: {robot.name} has no joint {spec.joint}", hint=", ".join(robot.joint_names))
@@ -48,6 +52,16 @@ def with_actuators(robot: Robot, path: str) -> Robot:
             hint="give the robot file of the same run",
         )
     return check_effects(replace(whole, effects=(*robot.effects, *specs)))
+
+
+def _fault(error: Exception) -> str:
+    """Return what is wrong where that says something to whoever has changed such a file by hand."""
+    if isinstance(error, KeyError):
+        return f"it has no {error.args[0]!r}, or does not know it"
+    place = getattr(error, "problem_mark", None)
+    if place is not None:
+        return f"line {place.line + 1}: {getattr(error, 'problem', '')}"
+    return str(error) if isinstance(error, ValueError) else ""
 
 
 def _of_channels(told: Mapping[str, Any]) -> Iterator[EffectSpec]:

@@ -45,7 +45,7 @@ class Db3Log(McapLog):
 
     def _walk(self, *, told: bool = False) -> Iterator[tuple[Container, Messages]]:
         for number, source in enumerate(self._sources):
-            container = Container(budget=Budget(source.name, source.size))
+            container = Container(budget=Budget(source.name, source.size), file=source.name)
             try:
                 with closing(_opened(source, container.budget)) as base:
                     _restrict(base, source, container.budget)
@@ -165,9 +165,11 @@ def _together(rows: Sequence[tuple[int, int, bytes]], container: Container) -> M
     )
 
 
-def open_bags(name: str, files: Sequence[Source], missing: Sequence[str] = ()) -> list[Db3Log]:
-    """Return the log of databases that continue each other."""
-    return [Db3Log(name, files, missing)]
+def open_bags(
+    name: str, files: Sequence[Source], missing: Sequence[str] = (), listed: Sequence[str] = ()
+) -> list[Db3Log]:
+    """Return the log of databases that continue each other; `listed`: those that are known to."""
+    return [Db3Log(name, files, missing, listed)]
 
 
 def _recognise(source: Source) -> bool:

@@ -17,6 +17,7 @@ from elid_cli.logs.mcap.fields import NameTable, covariances, values_topic, with
 from elid_cli.logs.mcap.flat_decode import FlatDecoder, flat_json
 from elid_cli.logs.mcap.protobuf import flattener
 from elid_cli.logs.mcap.ros_schema import definitions_of, short_name
+from elid_cli.logs.mcap.same_time import Parts
 from elid_cli.logs.mcap.write import write_mcap
 from elid_cli.logs.source import Source
 from elid_cli.signals.recording import INERTIAL
@@ -43,10 +44,12 @@ EMPTY_CHUNKS = 4
 class McapLog:
     """One MCAP file, or several that continue each other (the splits of a rosbag2 folder)."""
 
-    def __init__(self, name: str, sources: Sequence[Source], missing: Sequence[str] = ()) -> None:
+    def __init__(
+        self, name: str, sources: Sequence[Source], missing: Sequence[str] = (), listed: Sequence[str] = ()
+    ) -> None:
         self._name = name
         self._sources = sources
-        self._missing = list(missing)
+        self._missing, self._listed = list(missing), listed
         self.losses: list[str] = list(missing)
         self.notes: list[str] = []
         self._decoders: dict[tuple[str, str, str, bytes], CdrDecoder | FlatDecoder | None] = {}
@@ -117,13 +120,16 @@ class McapLog:
         most = sum(source.size for source in self._sources)  # a summary may lie; a message takes more than a byte
         tables = {topic: MessageTable(fields, min(known.get(topic, 0), most)) for topic, fields in wanted.items()}
         self.losses[:] = self._missing
+        parts = Parts(self._listed)
         for container, messages in self._walk(told=True):
             for identifier in np.unique(messages.channels):
                 channel = container.channels.get(int(identifier))
                 table = tables.get(channel.topic) if channel is not None else None
                 decoder = self._decoder(channel, container) if table is not None else None
-                if table is not None and decoder is not None:
-                    decoder.decode(messages, np.flatnonzero(messages.channels == identifier), table)
+                if channel is not None and table is not None and decoder is not None:
+                    chosen = np.flatnonzero(messages.channels == identifier)
+                    decoder.decode(messages, chosen, table)
+                    parts.take(channel.topic, container.file, chosen.size)
         for topic, table in tables.items():
             if table.misstamped:
                 self.losses.append(
@@ -131,13 +137,14 @@ class McapLog:
                 )
             if table.undecodable:
                 self.losses.append(f"{table.undecodable} messages of {topic} cannot be decoded ({table.problem})")
-        return self._streams(picks, tables)
+        return self._streams(picks, tables, parts)
 
-    def _streams(self, picks: Sequence[Pick], tables: Mapping[str, MessageTable]) -> list[Stream]:
+    def _streams(self, picks: Sequence[Pick], tables: Mapping[str, MessageTable], parts: Parts) -> list[Stream]:
         clocks: dict[str, dict[str, Any]] = {}
         values: dict[tuple[str, str, tuple[int | str, ...]], Any] = {}
         for topic, table in tables.items():
             clocks[topic] = {"header stamp": table.header.finish(), "log time": table.logged.finish()}
+            parts.check(self._name, topic, clocks[topic])
             for (field, columns), grown in zip(table.wanted, table.values, strict=True):
                 values[topic, field, columns] = grown.finish()
         streams = []
@@ -206,7 +213,7 @@ class McapLog:
         sizes = [source.size for source in self._sources]
         for number, source in enumerate(self._sources):
             before = sum(sizes[:number])
-            container = Container(budget=Budget(source.name, source.size))
+            container = Container(budget=Budget(source.name, source.size), file=source.name)
             if not source.head.startswith((MAGIC, ZSTD_MAGIC)):
                 self.losses.append(f"{source.name} is {'no MCAP file' if source.head else 'empty'}, left out")
                 continue

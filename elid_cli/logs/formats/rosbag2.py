@@ -24,11 +24,11 @@ LARGEST_METADATA = 10 << 20
 
 def _open(source: Source) -> Sequence[RawLog]:
     assert source.path is not None
-    files, missing = _splits(source.path)
+    files, missing, listed = _splits(source.path)
     files = [replace(file, listener=source.listener) for file in files]
     databases = [file for file in files if re.search(r"\.db3(\.zstd)?$", file.name)]
     if databases and len(databases) == len(files):
-        return open_bags(source.name, databases, missing)
+        return open_bags(source.name, databases, missing, listed)
     for file in files:
         known = kind_of(file.head)
         if known is not None and "MCAP" not in known[0]:
@@ -40,11 +40,14 @@ def _open(source: Source) -> Sequence[RawLog]:
             detail=f"it holds {held}",
             hint="name the log itself, or the folder that `ros2 bag record -s mcap` made",
         )
-    return [McapLog(source.name, files, missing)]
+    return [McapLog(source.name, files, missing, listed)]
 
 
-def _splits(folder: Path) -> tuple[list[Source], list[str]]:
-    """Return the bag's files in recording order, as metadata.yaml lists them, else by number; and what is missing."""
+def _splits(folder: Path) -> tuple[list[Source], list[str], list[str]]:
+    """Return the bag's files in recording order, as metadata.yaml lists them, else by number; what is missing.
+
+    The last are the names of the files that it lists.
+    """
     present = {p.name: p for p in folder.iterdir() if p.is_file() and p.name != "metadata.yaml"}
     listed = _listed(folder / "metadata.yaml")
     names = list(dict.fromkeys(name for name in (Path(entry).name for entry in listed) if name in present))
@@ -52,7 +55,8 @@ def _splits(folder: Path) -> tuple[list[Source], list[str]]:
     files = [Source(str(present[name]), present[name]) for name in [*names, *sorted(rest, key=_numbered)]]
     gone = [name for name in (Path(entry).name for entry in listed) if name not in present]
     lost = [f"{name} is listed in metadata.yaml and missing" for name in gone]
-    return files, lost[:MOST_NAMED] or [f"{name} is missing between its neighbours" for name in _skipped(names + rest)]
+    lost = lost[:MOST_NAMED] or [f"{name} is missing between its neighbours" for name in _skipped(names + rest)]
+    return files, lost, [str(present[name]) for name in names]
 
 
 def _skipped(names: Sequence[str]) -> list[str]:

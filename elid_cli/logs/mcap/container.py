@@ -47,6 +47,8 @@ class Container:
     channels: dict[int, Any] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
     chunks: int = 0
+    file: str = ""
+    """The file that is walked, by its whole name."""
     budget: Budget = field(default_factory=lambda: Budget("log", 0))
 
 

@@ -397,6 +397,11 @@ def test_mujoco_simulates_a_file_as_it_stands_with_what_is_beside_it(
     beside.write_text("[]")
     assert main([*line, "--actuators", str(beside)]) == 2
     assert "not a file of actuators" in capsys.readouterr().err
+    assert main([*line, "--actuators", str(model)]) == 2
+    err = capsys.readouterr().err
+    assert f"{model} is not a file of actuators (JSON or YAML as --write-actuators makes it)" in err
+    assert "indices" not in err
+    assert "hint: a robot file is given by --robot" in err
 
 
 def test_a_declared_torque_gain_takes_part_and_one_that_leaves_no_torque_is_refused(arm: Robot, log: Recording) -> None:
