@@ -108,6 +108,17 @@ def test_a_rise_over_few_recordings_is_told_and_a_gate_fails_on_it(
     assert "recordings disagree: fs3 by up to 30 %" in capsys.readouterr().err
 
 
+def test_the_stricter_gate_fails_on_a_certain_trend_too(tmp_path: Path) -> None:
+    files = []
+    for k in range(8):
+        entries = [{"name": "fs3", "unit": "N·m", "estimate": 1.0 + 0.1 * k + 0.001 * (k % 2), "std_error": 0.001}]
+        files.append(str(tmp_path / f"{k}.json"))
+        Path(files[-1]).write_text(json.dumps({
+            "schema": "elid/1", "command": "identify", "robot": "arm", "base_parameters": entries}))  # fmt: skip
+    for gate in ("--fail-on-trend", "--fail-on-disagreement"):
+        assert main(["trend", *files, gate]) == 1
+
+
 def test_a_quiet_machine_passes_both_gates(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["trend", *files, "--fail-on-trend", "--fail-on-disagreement"]) == 0
     out, err = capsys.readouterr()

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     options.GATES,
     "--fail-on-disagreement",
     is_flag=True,
-    help="Fail when recordings differ by more than their standard errors say, in time or not.",
+    help="As --fail-on-trend, and where recordings differ by more than their errors along no certain trend.",
 )
 @options.reading
 @options.conditioning
@@ -89,7 +89,8 @@ def trend(
         report = illustrated(report, output, lambda build: build.trend_figures(found))
     note((*remarks, *found.warnings), output, "warning")
     emit(report, output)
-    broken = [*(_broken(found) if fail_on_trend else ()), *(_disagreeing(found) if fail_on_disagreement else ())]
+    broken = _broken(found) if fail_on_trend or fail_on_disagreement else []
+    broken += _disagreeing(found) if fail_on_disagreement else []
     if broken:
         raise LimitError("; ".join(broken))
 
@@ -124,10 +125,12 @@ def _broken(found: Trends) -> list[str]:
 
 
 def _disagreeing(found: Trends) -> list[str]:
-    """Return what ``--fail-on-disagreement`` fails on."""
+    """Return what ``--fail-on-disagreement`` fails on, what is a change apart."""
     from elid_cli.report.answers.trend import disagreeing_words
 
-    return [f"recordings disagree: {disagreeing_words(found)}"] if found.disagreeing else []
+    alike = [f"{item.kind} of all joints" for item in found.families if item.word == "together"]
+    said = [f"{', '.join(alike)}: differs between recordings"] if alike else []
+    return [*said, *([f"recordings disagree: {disagreeing_words(found)}"] if found.disagreeing else [])]
 
 
 def _let_pass(found: Trends) -> list[str]:
