@@ -12,14 +12,20 @@ from itertools import takewhile
 TERM = re.compile(r"[A-Za-z]+(\d+)(?![\w.])")
 """A standard parameter in the name of a base parameter, with its joint's number."""
 
+MOST = 0.6
+"""Part of the joints of the robot of fewer that must have the other's names for both to be one robot, changed."""
+
 
 def unlike(first: Sequence[str], other: Sequence[str]) -> bool:
     """Whether joints of these names, base first, are of different robots; not where one does not name them.
 
-    Joints of one robot may be held, so that they are some of the other's; those of a second robot of one type may all
-    have another word before or after their names, such as ``left_``.
+    Joints of one robot may be held, or its last ones changed, such as a hand: most are the other's then, in its order.
+    Those of a second robot of one type may all have another word before or after their names, such as ``left_``.
     """
-    if not first or not other or set(first) < set(other) or set(other) < set(first):
+    if not first or not other:
+        return False
+    common = [name for name in first if name in other]
+    if MOST * min(len(first), len(other)) <= len(common) and common == [name for name in other if name in common]:
         return False
     return _bare(first) != _bare(other)
 
