@@ -8,6 +8,8 @@ import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -38,10 +40,22 @@ from elid_cli.report.figures.build import (
     validation_figures,
     with_figures,
 )
-from elid_cli.report.figures.drawing import CYCLE, PALETTE, Drawing, Line, Panel, Spans, decades, tick_texts, ticks
+from elid_cli.report.figures.drawing import (
+    CYCLE,
+    PALETTE,
+    Drawing,
+    Line,
+    Panel,
+    Spans,
+    Words,
+    decades,
+    tick_texts,
+    ticks,
+)
 from elid_cli.report.figures.input import FigureInput
 from elid_cli.report.figures.joint_views import joint_views, organised
 from elid_cli.report.figures.paint import bands, cloud, envelope, thinned
+from elid_cli.report.figures.plots import replayed
 from elid_cli.report.figures.plots.spring import spring_views
 from elid_cli.report.figures.svg import panels
 from elid_cli.report.figures.timeline import packed
@@ -137,6 +151,33 @@ def test_a_log_is_drawn_with_its_gaps_and_with_what_was_interpolated(planar: Rob
     spans = [(0.095, 0.115), (t[60] - 0.005, t[60] + 0.005)]
     assert mended.pairs == [pytest.approx(span) for span in spans]
     assert all(np.isnan(mark.y[40]) for mark in position.marks if isinstance(mark, Line)), "no line leads across a gap"
+
+
+def test_what_is_written_beside_the_longest_bar_has_room_and_the_unit_of_its_joint() -> None:
+    cases = [("error", {"rail": 0.07, "elbow": 16.0}), ("error of the other robot", {"rail": 3.5, "elbow": 24.0})]
+    units = {"rail": "mm", "elbow": "mrad"}
+    data = {"cases": cases, "unit": "mrad or mm", "units": units}
+    drawn = panels_of(Figure("errors", "", "errors", data))
+    (panel,) = drawn.panels
+    texts = [mark.texts for mark in panel.marks if isinstance(mark, Words)]
+    assert [[text.strip() for text in some] for some in texts] == [["1: 0.07 mm", "1: 16 mrad"],
+                                                                   ["2: 3.5 mm", "2: 24 mrad"]]  # fmt: skip
+    (narrow,) = panels(drawn, "")
+    width = float(re.search(r'viewBox="0 0 (\d+)', narrow).group(1))  # type: ignore[union-attr]
+    place = float(re.search(r'<text x="([\d.]+)"[^>]*>\W*2: 24 mrad', narrow).group(1))  # type: ignore[union-attr]
+    assert place + 6.1 * len("2: 24 mrad") < width
+
+
+def test_no_line_of_a_replay_leads_from_one_stretch_to_the_next() -> None:
+    t = np.concatenate([0.1 * np.arange(5), 2.0 + 0.1 * np.arange(5)])
+    moved = np.ones((10, 1))
+    robot = SimpleNamespace(joints=[SimpleNamespace(name="j", units=("rad",))])
+    one = SimpleNamespace(t=t, measured=moved, simulated=1.1 * moved, robot=robot)
+    (figure,) = replayed.figures(cast("FigureInput", SimpleNamespace(replays=(one, one), replay_labels=("a", "b"))))
+    lines = [mark for panel in panels_of(figure).panels for mark in panel.marks if isinstance(mark, Line)]
+    assert len(lines) == 4
+    for line in lines:
+        assert np.flatnonzero(np.isnan(line.y)).tolist() == [4]
 
 
 def test_what_colour_alone_would_tell_is_told_otherwise_too() -> None:

@@ -90,7 +90,8 @@ def replay_figures(found: Replay, other: Replay | None = None) -> tuple[Figure, 
     # no bar is as long as the error of a motion that ran away
     cases = [(label, {joint: 1e3 * e.mean_abs for joint, e in item.error.items() if isfinite(e.mean_abs)})
              for label, item in zip(labels, replays, strict=False)]  # fmt: skip
-    return figures_of(FigureInput(replays=replays, cases=cases, unit=milli(found.robot), heading=MEAN))
+    unit, units = milli(found.robot), millis(found.robot)
+    return figures_of(FigureInput(replays=replays, cases=cases, unit=unit, units=units, heading=MEAN))
 
 
 def motion_figures(found: MotionDiagnosis) -> tuple[Figure, ...]:
@@ -103,7 +104,7 @@ def motion_figures(found: MotionDiagnosis) -> tuple[Figure, ...]:
              ("after", {joint: 1e3 * p.after for joint, p in found.position.items()})]  # fmt: skip
     return figures_of(FigureInput(
         identified=found.after, replays=(after, before), replay_labels=("error after", "error before"), cases=cases,
-        unit=milli(found.robot), heading=HELD_OUT,
+        unit=milli(found.robot), units=millis(found.robot), heading=HELD_OUT,
     ))  # fmt: skip
 
 
@@ -118,6 +119,11 @@ def milli(robot: Robot) -> str:
     """Return what errors of positions are told in."""
     turning = [joint.revolute for joint in robot.joints]
     return "mrad" if all(turning) else "mm" if not any(turning) else "mrad or mm"
+
+
+def millis(robot: Robot) -> dict[str, str]:
+    """Return the same of each joint, by name."""
+    return {joint.name: "mrad" if joint.revolute else "mm" for joint in robot.joints}
 
 
 def trend_figures(found: Trends) -> tuple[Figure, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -52,6 +52,8 @@ class FigureInput:
     """Errors to compare: a label, and the error of each joint, a share of its torque or in `unit`."""
     unit: str = ""
     """What `cases` are in, such as ``mrad``; empty: they are shares of torques."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Of each joint, where they are not all of one."""
     heading: tuple[str, str] = ("Error of each joint", "Error of the torque, rms, as a share of the joint's torque.")
     """Title and caption of the figure of `cases`."""
     sides: Sequence[tuple[str, Mapping[str, float]]] = ()

@@ -23,7 +23,7 @@ from elid_cli.report.figures.drawing import (
     decade_text,
     decades,
 )
-from elid_cli.report.figures.svg import WIDE, WIDTH
+from elid_cli.report.figures.svg import CHARACTER, WIDE, WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,6 +32,8 @@ DOTS, COLORS = 150, 128
 """Dots per inch and colours of a PNG: drawings need few."""
 INCH = 90.0
 """px of a panel in an inch."""
+KEY = 50.0
+"""px beside a label of a legend."""
 SHAPES = {"o": ".", "x": "x", "d": "D"}
 
 
@@ -61,7 +63,9 @@ def png(drawing: Drawing) -> bytes:
             spare.set_axis_off()
         named = {label: h for a in axes for h, label in zip(*a.get_legend_handles_labels(), strict=True)}
         if named:
-            made.legend(list(named.values()), list(named), loc="outside upper left", ncols=max(2, 2 * columns))
+            fit = int(width * columns // (KEY + CHARACTER * max(map(len, named))))
+            made.legend(list(named.values()), list(named), loc="outside upper left",
+                        ncols=max(1, min(fit, 2 * max(columns, 1))))  # fmt: skip
         made.savefig(stream, format="png", metadata={"Software": None}, dpi=DOTS)
     return _small(stream)
 

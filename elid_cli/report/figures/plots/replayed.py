@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from elid_cli.report.figures.input import FigureInput
 
 ORDER = 2
+GAP = 1.5
+"""Times between samples from which one is the last of its stretch."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -22,10 +24,14 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         return
     first, *other = told.replays
     caption = "Position as measured and as simulated under the same commands, and their difference."
+    ends = np.append(np.diff(first.t) > GAP * float(np.median(np.diff(first.t))), [False])
     for k, joint in enumerate(first.robot.joints):
-        data = {"t": first.t, "unit": joint.units[0], "measured": first.measured[:, k],
-                "simulated": first.simulated[:, k], "against": other[0].simulated[:, k] if other else None,
-                "labels": told.replay_labels}  # fmt: skip
+        # no line leads from one stretch to the next
+        measured, simulated, *against = (np.where(ends, np.nan, values[:, k]) for values in (
+            first.measured, first.simulated, *(one.simulated for one in other)
+        ))  # fmt: skip
+        data = {"t": first.t, "unit": joint.units[0], "measured": measured, "simulated": simulated,
+                "against": against[0] if against else None, "labels": told.replay_labels}  # fmt: skip
         yield Figure(f"replayed_{joint.name}", f"{joint.name}: measured and simulated", "replayed", data, caption)
 
 
