@@ -41,7 +41,7 @@ from elid_cli.signals.stepping_commands import commands_step
 
 FAR = 10.0
 """Times the encoders' noise, at any joint, up to which steps are asked for."""
-FINEST = 2.4e-4
+FINEST = 1.9e-4
 """Shortest step, s, that is simulated."""
 NEAREST = 3
 """Steps that are tried where drives act before they are told: what else is missing moves by how much."""
