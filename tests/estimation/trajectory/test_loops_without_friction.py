@@ -94,12 +94,12 @@ def test_commands_of_a_policy_are_not_smooth(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_search_counts_steps_that_are_too_short_to_show(tmp_path: Path) -> None:
-    arm, log = robot(tmp_path), simulator.moved(6, 7.5, DT / 25)
+    arm, log = robot(tmp_path), simulator.moved(6, 7.5, DT / 40)
     signals = prepare(read_recording([written(tmp_path, "log.h5", log)], arm), arm)
     fit = diagnose_motion(arm, signals, None, ("stribeck",)).fit_after
     error = fit.unknowns.joint_values(fit.deviation)[:, 0]
     assert fit.ahead > 0
-    np.testing.assert_allclose(error, 1e-4 * KD, rtol=0.2)
+    np.testing.assert_allclose(error, 0.5 * DT / 40 * KD, rtol=0.2)
     assert np.abs((fit.values[:, 0] - ARMATURE) / error).max() < 4
 
 
