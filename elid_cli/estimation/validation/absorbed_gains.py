@@ -27,8 +27,8 @@ SURE, NOISY = 5.0, 1.4
 noise in the columns is in no standard error."""
 LEAST = 0.005
 """Gain that counts: sensors and constants of torques are hardly known better."""
-AS_WELL = 25.0
-"""Fall of squared standard errors from the surest gain up to which another joint's may be the one."""
+AS_WELL = 0.85
+"""Part of the standard errors of the surest gain from which another joint's may be the one: of two joints, either."""
 MOVED = 2.0
 """Standard errors by which a gain moves a base parameter that may be biased."""
 
@@ -73,7 +73,7 @@ def absorbed_gains(fit: DefaultFit, quiet: Mapping[EstimationRow, float]) -> Abs
         found[joint] = gain, abs(gain) / max(error, 1e-300), shift > MOVED * before
     sure = {k: item for k, item in found.items() if item[1] > least and abs(item[0]) > LEAST}
     most = max((item[1] for item in sure.values()), default=0.0)
-    told = sorted((k for k, item in sure.items() if item[1] ** 2 >= most**2 - AS_WELL), key=lambda k: -sure[k][1])
+    told = sorted((k for k, item in sure.items() if item[1] >= AS_WELL * most), key=lambda k: -sure[k][1])
     moved = np.any([none.moved, *(sure[k][2] for k in told)], axis=0)
     return AbsorbedGains({k: sure[k][0] for k in told}, moved)
 
