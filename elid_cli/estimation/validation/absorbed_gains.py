@@ -19,7 +19,6 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.model.effects import effect_that
 from elid_cli.model.regressor import EstimationRow
 
 SURE, NOISY = 5.0, 1.4
@@ -36,8 +35,8 @@ MOVED = 2.0
 class AbsorbedGains(NamedTuple):
     """Gains of torques that a fit took for other values of its parameters."""
 
-    gains: dict[int, float]
-    """By joint, the surest first: logged torque over the one that acts, less 1. One of them, or several."""
+    joints: tuple[int, ...]
+    """Whose torque it is, the surest first: one of them, or several."""
     moved: NDArray[np.bool_]
     """Base parameters that they move, (b,)."""
 
@@ -53,7 +52,7 @@ def absorbed_gains(fit: DefaultFit, quiet: Mapping[EstimationRow, float]) -> Abs
         Residual of every row, N·m, up to which noise is all that is left: what a gain must come down to. Where more is
         missing, that may look like a gain.
     """
-    none = AbsorbedGains({}, np.zeros(fit.base.count, dtype=bool))
+    none = AbsorbedGains((), np.zeros(fit.base.count, dtype=bool))
     # columns of effects hold noise and hang on the fit: beside friction by load, 1.5 % was 19 of its errors from 0
     extras = {} if fit.data.facts.computed.any() or fit.effects is not None else _columns(fit)
     if len(extras) < 2:  # a factor common to all scales every parameter
@@ -75,19 +74,18 @@ def absorbed_gains(fit: DefaultFit, quiet: Mapping[EstimationRow, float]) -> Abs
     most = max((item[1] for item in sure.values()), default=0.0)
     told = sorted((k for k, item in sure.items() if item[1] >= AS_WELL * most), key=lambda k: -sure[k][1])
     moved = np.any([none.moved, *(sure[k][2] for k in told)], axis=0)
-    return AbsorbedGains({k: sure[k][0] for k in told}, moved)
+    return AbsorbedGains(tuple(told), moved)
 
 
 def _columns(fit: DefaultFit) -> dict[int, ExtraColumns]:
     """Return the torque that the fit predicts as a column in the rows of each joint's motor."""
-    observation, declared = fit.observation, effect_that(of_drive="gain").name
+    observation = fit.observation
     left = residuals(observation, fit.solution.values, fit.extras)
-    scaled = {spec.joint for spec in fit.model.robot.effects if spec.effect == declared}
     present = {group.row for group in observation.groups if group.count}
     found = {}
-    for k, name in enumerate(fit.model.robot.joint_names):
+    for k in range(fit.model.robot.n):
         whole = EstimationRow("sum", k)
-        if whole not in present or whole not in left or name in scaled:
+        if whole not in present or whole not in left:
             continue
         predicted: Array = (observation.tau[k] - left[whole])[None]
         acted = (whole, EstimationRow("motor", k), EstimationRow("drive", k))

@@ -183,7 +183,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
     biased |= gains.moved | moved_by_other_positions(part)
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
     names = observation.robot.joint_names
-    off = {names[k] for k in gains.gains if quiet}  # what else is missing may look like a gain
+    off = {names[k] for k in gains.joints if quiet}  # what else is missing may look like a gain
     factors = [Insufficient(n.joint, n.rows, n.ratio, FACTOR, 0.0) for n in seen.noise if n.joint in off
                and n.rows == "sum"]  # fmt: skip
     return Judgement(tuple(seen.noise), (*seen.insufficient, *factors), biased, columns_of(noise))

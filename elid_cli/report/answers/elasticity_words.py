@@ -9,17 +9,12 @@ from elid_cli.report.answers.summary import listed
 
 
 def taken_as_rigid(found: Diagnosis) -> str:
-    """Return which joints that the robot file has elastic are rigid in this log and left with a residual."""
+    """Return which joints that are taken as rigid and left with a residual yield, or may: a sentence, or nothing."""
     high = {row.joint for row in found.rows_after if row.high} | {item.joint for item in found.unexplained}
     yielding = [line.split(":")[0] for line in found.recording.warnings if COUNTS_AS_RIGID in line]
     if yielding and high:
-        one = len(yielding) == 1
-        which = (
-            f"The transmission of {listed(yielding)} yields"
-            if one
-            else f"The transmissions of {listed(yielding)} yield"
-        )
-        return f" {which}: declared elastic, what that does is taken out."
+        which, goes = ("transmission", "yields") if len(yielding) == 1 else ("transmissions", "yield")
+        return f" The {which} of {listed(yielding)} {goes}: declared elastic, what that does is taken out."
     names = [name for name in found.yielding if name in high]
     if not names:
         return _yielding_unseen(found) if high else ""
