@@ -6,7 +6,7 @@ channels and the shapes of declared effects are estimated along. There is one fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -114,7 +114,10 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
         nuisances = beside_effects(nuisances, [item.effect for item in effects.effects], effects.extras)
     if options.offsets and data.samples is not None and data.samples.rows_of_sensors():
         nuisances += _reading_columns(base, data.samples, nuisances, effects)
-    solved = solve_with(base, data, nuisances, effects, shaping=not options.hold, valleys=options.valleys)
+    known = options.declared_late
+    solved = solve_with(
+        base, data, nuisances, effects, shaping=not options.hold, valleys=options.valleys, declared=known
+    )
     for k in range(SETTLING if effects and options.hold else 0):  # columns from what the fit made of the parameters
         rotors, here = solved.rotors(), effects.scene.rotors if effects else {}
         if k >= RESCENED and all(abs(rotors[j] - here[j]) <= SETTLED * rotors[j] for j in rotors):
@@ -123,7 +126,7 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
         found = zip(effects.effects, solved.amplitudes(), strict=True) if effects else ()
         scene = with_found(scene, [(item.effect, amplitude) for item, amplitude in found])
         effects = FittedEffects.of(effects.effects, scene, solved.signals) if effects else None
-        solved = solve_with(base, data, solved.nuisances, effects)
+        solved = solve_with(base, data, solved.nuisances, effects, declared=known)
     covariance = covariance_with_dropped(solved, covariance_of(solved))
     if solved.effects and data.samples is not None and not options.hold:
         effects, covariance = check_shape_ambiguity(solved, solved.effects, covariance)
@@ -140,6 +143,7 @@ def solve_with(
     shaping: bool = False,
     valleys: bool = True,
     alone: bool = False,
+    declared: Container[int] = (),
 ) -> Solved:
     """Solve with nuisances, as far as they are significant and predict better, and effects.
 
@@ -157,6 +161,8 @@ def solve_with(
         Whether the refinement looks for other valleys than the one that they are in.
     alone
         Whether each delay must show by itself.
+    declared
+        Joints whose delays stay.
     """
     before, known = None, None
     for last in (False, True):
@@ -170,7 +176,10 @@ def solve_with(
         # of a torque that is computed, samples of a velocity within its ripple are late by some hundredths of their
         # time: too little to show, and enough to bend viscous friction by several standard errors
         late = bool(np.any(data.facts.moved) or data.facts.computed.any())
-        kept = significant(solution, spread, nuisances, data.model.parameters, data.facts.dt, late=late, alone=alone)
+        dt = data.facts.dt
+        kept = significant(
+            solution, spread, nuisances, data.model.parameters, dt, late=late, alone=alone, declared=declared
+        )
         kept, known = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break

@@ -17,7 +17,7 @@ from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_pull_of_noise, with_scatter, with_unseen
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.drive_law import law_warnings
-from elid_cli.estimation.fit_in_pose import fit_in_pose
+from elid_cli.estimation.fit_in_time import fit_in_time
 from elid_cli.estimation.identified import Identified
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.known_load import with_load
@@ -37,7 +37,7 @@ from elid_cli.model.effects import nuisance_of
 from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.of_drives import with_loops
 from elid_cli.model.effects.posed import Pose
-from elid_cli.model.effects.shifts import free_of_delays
+from elid_cli.model.effects.shifts import Shifts, delayed_joints, free_of_delays
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals, check_signals
@@ -144,8 +144,10 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     """Return what the samples say of the robot as they show it."""
     whole, described, logged = robot, as_observed(robot, signals), signals
     plain = free_of_delays(described) if options.delays else described
+    if options.delays:
+        options = replace(options, declared_late=delayed_joints(described))
     robot, signals = with_loops(plain, signals)
-    fit, pose = fit_in_pose(robot, signals, options)
+    fit, pose, late = fit_in_time(robot, signals, options)
     if options.held is not None:
         fit = replace(fit, covariance=beside_held(fit, fit.covariance, options.held))
     fit, refused, answer = judged(fit, options)
@@ -153,7 +155,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     fit = with_pull_of_noise(with_scatter(fit, judgement), [judgement])
     if fit.doubted:
         answer = assemble(fit, options, refused)
-    found = with_unseen(_as_described(answer, robot, pose), whole)
+    found = with_unseen(_as_described(answer, robot, pose, late), whole)
     doubtful, wrong = False, tuple[str, ...]()
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *rotor_warnings(found)))
@@ -169,7 +171,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
         return by_trajectory(replace(found, robot=described), logged, delays=options.delays)
     if options.accurate:
         answer = _accurate(fit, found, options, refused, judgement)
-        return _as_described(answer, robot, pose) if answer.estimator == "accurate" else answer
+        return _as_described(answer, robot, pose, late) if answer.estimator == "accurate" else answer
     if options.chooses and signals.recording is not None and signals.recording.commanded.all():
         from elid_cli.estimation.trajectory.unasked import or_by_motion
 
@@ -269,15 +271,16 @@ def _merges(request: LogRequest, options: EstimateOptions) -> bool:
     return not reason and (len(request.logs) > 1 or bool(stored))
 
 
-def _as_described(found: Identification, robot: Robot, pose: Pose) -> Identification:
-    """Return the identification as one of the robot as described, with all that turns its model as effects."""
-    if not pose:
+def _as_described(found: Identification, robot: Robot, pose: Pose, late: Shifts) -> Identification:
+    """Return the identification as one of the robot as described: what turns its model or is late as effects."""
+    if not pose and not late:
         return found
-    effects = tuple(
-        replace(e, parameters=pose.whole(*resolve(robot, EffectSpec(e.effect, e.joint, {})), e.parameters))
-        for e in found.effects
-    )
-    return replace(found, robot=robot, effects=effects)
+
+    def whole(effect: FittedEffect) -> FittedEffect:
+        kind, joint = resolve(robot, EffectSpec(effect.effect, effect.joint, {}))
+        return replace(effect, parameters=late.whole(kind, joint, pose.whole(kind, joint, effect.parameters)))
+
+    return replace(found, robot=robot, effects=tuple(map(whole, found.effects)))
 
 
 def _accurate(

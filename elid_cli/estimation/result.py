@@ -43,6 +43,8 @@ class EstimateOptions:
     """Contiguous stretches; each in turn is predicted by a fit to the others."""
     delays: bool = True
     """Estimate one torque delay per torque channel."""
+    declared_late: tuple[int, ...] = ()
+    """Joints whose torques' delays stay, whatever their sign and size: a robot file declares them."""
     offsets: bool = True
     """Estimate one torque offset per torque channel."""
     mask: bool | None = None

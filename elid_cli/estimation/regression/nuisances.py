@@ -126,6 +126,7 @@ def significant(
     *,
     late: bool = False,
     alone: bool = False,
+    declared: Container[int] = (),
 ) -> list[ExtraColumns]:
     """Return the nuisances whose coefficient is significant; of the delays all where any or their mean is.
 
@@ -141,6 +142,8 @@ def significant(
         Whether torques have been moved: what is left of their delays stays unknown.
     alone
         Whether each delay must show by itself, as far as it may: a search holds effects against the model.
+    declared
+        Joints whose delays stay as far as the log determines them.
     """
     values, deviations = np.full((2, len(nuisances)), np.nan)
     for k in range(len(nuisances)):
@@ -151,6 +154,8 @@ def significant(
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
     delays = np.array([extra.nuisance == "delay" for extra in nuisances], dtype=bool)
     firm = beyond_doubt(values, deviations, delays, dt, late=late, alone=alone)
+    told = np.array([next(iter(extra.rows)).joint in declared for extra in nuisances], dtype=bool)
+    firm |= delays & told & np.isfinite(values)
     return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 
 

@@ -7,7 +7,7 @@ than was logged is put right as well: a prediction is then of what it delivered,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,9 @@ from elid_cli.signals.command_torque import at_limit
 from elid_cli.signals.motion import STATES
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.time_shift import shifted
+
+LONGEST = 0.05
+"""s; a channel that seems later than this is not moved."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,27 @@ class Shifts:
         late[joint] = value
         changed: dict[str, Array] = {channel: late}
         return replace(self, **changed)
+
+    def plus(self, other: Shifts) -> Shifts:
+        """Return the shifts with others added to them."""
+        return Shifts(self.link + other.link, self.torque + other.torque, self.position + other.position)
+
+    @property
+    def largest(self) -> float:
+        """The largest of them, s."""
+        return float(np.max(np.abs([self.link, self.torque, self.position]), initial=0.0))
+
+    @property
+    def possible(self) -> bool:
+        """Whether none is longer than a log's channels can be late."""
+        return self.largest <= LONGEST
+
+    def whole(self, kind: type[Effect], joint: int, values: Mapping[str, float]) -> dict[str, float]:
+        """Return an effect's named parameters with what its channel has been moved by already."""
+        found = dict(values)
+        if kind.corrects is not None and found:
+            found[kind.amplitudes[0].name] += self.of(kind.corrects, joint)
+        return found
 
     def _late(self, channel: Channel) -> Array:
         return np.asarray(getattr(self, channel))
@@ -86,6 +110,16 @@ def delayed_joints(robot: Robot) -> tuple[int, ...]:
 def unshifted_robot(robot: Robot) -> Robot:
     """Return the robot without the effects that are shifts in time."""
     return replace(robot, effects=tuple(spec for spec in robot.effects if _moved_by(spec) is None))
+
+
+def unvalued(robot: Robot) -> Robot:
+    """Return the robot whose late positions have no values: its channels are moved by these; itself without any."""
+    rest = tuple(
+        EffectSpec(spec.effect, spec.joint, {}) if _moved_by(spec) in ("link", "position") else spec
+        for spec in robot.effects
+    )
+    any_late = any(_moved_by(spec) in ("link", "position") for spec in robot.effects)
+    return replace(robot, effects=rest) if any_late else robot
 
 
 def free_of_delays(robot: Robot) -> Robot:
