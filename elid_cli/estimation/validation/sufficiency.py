@@ -69,6 +69,10 @@ VISIBLE = 0.4
 """Size of what follows the motion, in the size of noise, from which it counts."""
 MATTERS = 2e-5
 """The same as a part of the torque: below it splines and rounding are seen."""
+QUIET, OF_ALL = 0.5, 1e-3
+"""Residual over the sensors' noise at any joint below which that noise is none: a drive's torque that chatters, as it
+does on a coarse encoder, is a torque. What is left of every row is then asked by its own size, from this part of the
+torque on."""
 FAR_APART = 2.0
 """Error of logs together over the sensors' noise, and over what each log's own fit leaves, from which they differ."""
 _LEAST = 60
@@ -246,13 +250,13 @@ def _judged_rows(
     robot = observation.robot
     alone = signals.recording is None or signals.recording.parts == 1  # else times are of no log
     said = _Seen([], [], [], {})
+    sizes = _sizes(observation, left, chosen)
+    unknown = fitted and any(MATTERS * item.torque < item.size < QUIET * floor.rms[row] for row, item in sizes.items())
     for group in observation.independent:
-        row, use = group.row, group.use if chosen is None else group.use & chosen
-        if row.kind == "link" or row not in left or np.count_nonzero(use) < _LEAST:
+        row = group.row
+        if row not in sizes:
             continue
-        residual = left[row]
-        size = float(np.sqrt(np.mean(residual[use] ** 2)))
-        torque = max(float(np.sqrt(np.mean(observation.tau[row.joint][use] ** 2))), 1e-300)
+        residual, (use, size, torque) = left[row], sizes[row]
         least = max(floor.rms[row], MATTERS * torque)
         name = robot.joint_names[row.joint]
         ratio = size / max(floor.rms[row], 1e-9 * torque)
@@ -260,6 +264,8 @@ def _judged_rows(
         moment = moment_of(residual, use, observation.t, floor.rms[row]) if loud and alone else None
         kept = memory(residual, use, observation.rate)
         said.noise.append(RowNoise(name, row.kind, floor.rms[row], ratio, kept, moment))
+        if unknown and size < ABOVE * least:
+            least, loud = size, size > OF_ALL * torque
         if not loud:
             continue
         if row.joint not in said.curves:
@@ -282,6 +288,28 @@ def _judged_rows(
             said.insufficient.append(Insufficient(name, row.kind, ratio, DEFLECTION, 0.0))
             said.missing.append(Missing(row, found.groups, size))
     return said
+
+
+class _Size(NamedTuple):
+    """What a row leaves: instants that count, rms of the residual and of the torque there, N·m (N)."""
+
+    use: NDArray[np.bool_]
+    size: float
+    torque: float
+
+
+def _sizes(
+    observation: Observation, left: Mapping[EstimationRow, Array], chosen: NDArray[np.bool_] | None
+) -> dict[EstimationRow, _Size]:
+    """Return what every row that is judged leaves."""
+    found = {}
+    for group in observation.independent:
+        row, use = group.row, group.use if chosen is None else group.use & chosen
+        if row.kind == "link" or row not in left or np.count_nonzero(use) < _LEAST:
+            continue
+        size, torque = (float(np.sqrt(np.mean(y[use] ** 2))) for y in (left[row], observation.tau[row.joint]))
+        found[row] = _Size(use, size, max(torque, 1e-300))
+    return found
 
 
 def _whole(left: Mapping[EstimationRow, Array], observation: Observation, row: EstimationRow) -> float:

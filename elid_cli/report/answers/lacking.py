@@ -194,12 +194,18 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
             worst[item.joint] = item
     ranked = sorted(worst.items(), key=lambda pair: -pair[1].ratio)
     said = [
-        f"the residual of {joint} {follows_words(item.follows)} ({number_text(item.ratio, 2)} times the sensors' noise)"
+        f"the residual of {joint} {follows_words(item.follows)} ({_size_words(item.ratio)})"
         for joint, item in ranked[:NAMED]
     ]
     said += [f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else []
     said += [f"the torque of {' or '.join(scaled)} looks off by a factor, which other values take up"] if scaled else []
     return "; ".join(said)
+
+
+def _size_words(ratio: float) -> str:
+    """Return a residual over noise; noise that it is below is that of a torque that chatters, and none of sensors."""
+    small = "within the noise as it was estimated, which is too large"
+    return small if ratio < 1.0 else f"{number_text(ratio, 2)} times the sensors' noise"
 
 
 def follows_words(variable: str) -> str:
