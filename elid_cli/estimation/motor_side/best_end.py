@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.columns import EXPLAINED, FLOORS, MISFIT, UNFIT
+from elid_cli.estimation.motor_side.columns import EXPLAINED, FLOORS, MISFIT, UNFIT, WIDTHS
 from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
 from elid_cli.estimation.motor_side.setting import Setting
@@ -26,9 +26,13 @@ their valleys up to 1.07, beside them from 1.3 on, with stiffnesses up to 9 % of
 CREEPS, RESTS = 0.03, 1e-4
 """Most that further steps may lower the cost of a fit that leaves noise alone and whose compliances move by less than
 this share: friction's kinks settle last."""
-WIDTHS, QUIETEST, FAR = (0.5, 0.25, 2.0), 1.03, 1.05
-"""Factors on the speed within which friction changes its sign, the misfit from which on they are tried, and the cost
-over that of the usual one from which on no more of one is looked at."""
+QUIETEST, FAR, LESS = 1.03, 1.05, 0.99
+"""The misfit from which on other speeds are tried within which friction changes its sign, the cost over that of the
+usual one from which on no more of one is looked at, and below which it is taken."""
+CLOSE, UNTOLD = 0.03, (1.5, 3.0)
+"""Standard error over the compliance, at most, of one that is told, and how many times that every joint's must be for
+none of them to be told however closely torques are fitted, and within whichever speed friction changes its sign: of a
+fit that leaves noise alone, and of others."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ class Search:
     floor: float
     """Least noise of the best end's torque rows, share of the torque."""
     borne: bool
-    """Whether it fits with the first of `SHARPER_FLOORS`."""
+    """Whether it fits with the first of `SHARPER_FLOORS`; true where that was not asked, as no joint is told."""
     usual: LatentFit
     """The same with the last of `FLOORS`."""
     sharper: Array
@@ -59,51 +63,68 @@ class Search:
 
 
 def concluded(setting: Setting, ends: Sequence[LatentFit], hopeless: Sequence[LatentFit] = ()) -> Search:
-    """Return a search with its best end gone on with, unless that is among the hopeless ones.
-
-    Where that end leaves more than the sensors' noise, friction may turn its sign within another speed.
-    """
+    """Return a search with its best end gone on with, unless that is among the hopeless ones."""
     none = np.zeros(setting.link.n)
     if any(ends[0] is end for end in hopeless):
         return Search(setting, ends[0], FLOORS[-1][0], False, ends[0], none, tuple(ends), 0.0, none)
-    found = _sharpest(setting, ends[0], ends)
-    if (found.borne and found.best.chi <= QUIETEST) or found.best.chi > MISFIT:
-        return found
-    others = []
+    best, fall, moved = _gone_on(setting, ends[0])
+    if best.chi > MISFIT or _untold(best):
+        return Search(setting, best, FLOORS[-1][0], best.chi <= MISFIT, best, none, tuple(ends), fall, moved)
+    if best.chi > QUIETEST and (nearer := _nearer(setting, best, FLOORS[-1][0], best)):
+        setting, (best, fall, moved) = nearer[0], _gone_on(*nearer)
+    return _sharpest(Search(setting, best, FLOORS[-1][0], False, best, none, tuple(ends), fall, moved))
+
+
+def _sharpest(found: Search) -> Search:
+    """Return a search with its best end gone on with to the least noise of the torque rows that it bears.
+
+    Where that leaves more than the sensors' noise, friction may turn its sign within another speed, which is asked
+    once.
+    """
+    asked = False
+    for finer in SHARPER_FLOORS:
+        best, setting = found.best, found.setting
+        if not _hides(best, found.floor):
+            return replace(found, borne=found.borne or best.chi <= BORNE, sharper=np.zeros(setting.link.n))
+        sharper = _with_floor(setting, best, finer)
+        if sharper.chi > QUIETEST and not asked:
+            asked = True
+            if nearer := _nearer(setting, best, finer, sharper):
+                setting, sharper = nearer
+                best = _with_floor(setting, best, FLOORS[-1][0])
+                found = replace(found, setting=setting, best=best, usual=best, floor=FLOORS[-1][0])
+        if sharper.chi > (EXPLAINED if found.borne else BORNE):
+            return replace(found, sharper=_moved(best, sharper))
+        after, fall, moved = _gone_on(setting, sharper)
+        found = replace(found, best=after, floor=finer, borne=True, sharper=_moved(best, after), fall=fall, moved=moved)
+    return found if _hides(found.best, found.floor) else replace(found, sharper=np.zeros(setting.link.n))
+
+
+def _nearer(setting: Setting, best: LatentFit, floor: float, than: LatentFit) -> tuple[Setting, LatentFit] | None:
+    """Return the setting whose friction turns its sign within the speed that leaves least, and its fit with a floor.
+
+    None where no other speed leaves less than the usual one's fit, `than`.
+    """
+    tried = []
     for factor in WIDTHS:
         with suppress(np.linalg.LinAlgError, ValueError):
-            other = replace(setting, samples=replace(setting.samples, width=factor * setting.samples.width))
-            limit = found.usual.cost if found.borne else np.inf
-            usual = _with_floor(other, found.best, FLOORS[-1][0], limit)
-            if usual.cost > limit:
-                continue
-            others.append((_with_floor(other, usual, SHARPER_FLOORS[0]).chi, other, usual))
-    if others:
-        _, other, usual = min(others, key=lambda one: one[0])
-        narrower = _sharpest(other, usual, ends)
-        if narrower.borne and (not found.borne or narrower.usual.chi < found.usual.chi):
-            return narrower
-    return found
+            other = setting.within(factor)
+            tried.append((other, _with_floor(other, best, floor, than.cost)))
+    found = min(tried, key=lambda one: one[1].cost, default=None)
+    return found if found is not None and found[1].cost < LESS * than.cost else None
 
 
-def _sharpest(setting: Setting, end: LatentFit, ends: Sequence[LatentFit]) -> Search:
-    """Return an end gone on with to the least noise of the torque rows that it bears."""
-    best, fall, moved = _gone_on(setting, end)
-    floor, borne = FLOORS[-1][0], False
-    usual, further = best, (none := np.zeros(setting.link.n))
-    for finer in SHARPER_FLOORS if best.chi <= MISFIT else ():
-        if not _hides(best, floor):
-            borne = borne or best.chi <= BORNE
-            break
-        sharper = _with_floor(setting, best, finer)
-        if sharper.chi > (EXPLAINED if borne else BORNE):
-            further = _moved(best, sharper)
-            break
-        before, (best, fall, moved) = best, _gone_on(setting, sharper)
-        floor, borne, further = finer, True, _moved(before, best)
-    if not _hides(best, floor):
-        further = none
-    return Search(setting, best, floor, borne, usual, further, tuple(ends), fall, moved)
+def relative_errors(found: LatentFit) -> Array:
+    """Return standard errors over the compliances of the elastic joints, (number of these,)."""
+    elastic = found.problem.link.elastic
+    with np.errstate(divide="ignore"):
+        shares: Array = found.errors[found.problem.unknowns["c"]][elastic] / np.abs(found.compliance[elastic])
+    return shares
+
+
+def _untold(found: LatentFit) -> bool:
+    """Return whether no compliance of a fit can come to be told."""
+    return bool(np.all(relative_errors(found) > UNTOLD[found.chi > EXPLAINED] * CLOSE))
 
 
 def _hides(found: LatentFit, floor: float) -> bool:

@@ -41,6 +41,10 @@ _STRIBECK_FROM, _LOST_FROM, _CORNERED, UNFIT = 1.1, 1.1, 2.5, 2.0
 _PATIENCE = 15
 """Further steps with the coarsest floor from starts that were still on their way, where no start leads to noise."""
 _SETTLING = Iteration(settle=True, least=3)
+WIDTHS = (0.5, 0.25, 2.0)
+"""Factors on the speed within which friction changes its sign that are tried."""
+_LESS = 0.9
+"""Misfit over that of further columns, at most, of another such speed."""
 MISFIT = 3.0
 """Most cost per degree of freedom of a model that is believed."""
 
@@ -116,6 +120,23 @@ class Columns:
                 found = self.level(PARTS, found.x, found.coefficients, (COARSE, *FLOORS), scale)
                 return None if _gains_motion(found) else found
         return None
+
+    def nearer_width(self, fine: LatentFit, found: LatentFit) -> float | None:
+        """Return the factor on the speed within which friction changes its sign that leaves less than a fit does.
+
+        None where noise alone is left without further columns, or the usual speed leaves as little.
+        """
+        usual = self.setting
+        if found.problem.parts in ((), ("load",)) and found.chi <= EXPLAINED:
+            return None
+        tried = []
+        for factor in WIDTHS:
+            self.setting = usual.within(factor)
+            with suppress(np.linalg.LinAlgError, ValueError):
+                tried.append((self.level(("load",), fine.x, fine.coefficients, _FEW).chi, factor))
+        self.setting = usual
+        chi, factor = min(tried, default=(np.inf, 1.0))
+        return factor if chi <= min(EXPLAINED, _LESS * found.chi) else None
 
     def best(self, fine: LatentFit) -> LatentFit:
         """Return the fit with the columns that pay, from the floor before the last with load friction alone."""

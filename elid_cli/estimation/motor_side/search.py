@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.best_end import Search, concluded
+from elid_cli.estimation.motor_side.best_end import CLOSE, Search, concluded, relative_errors
 from elid_cli.estimation.motor_side.climb import Climb
 from elid_cli.estimation.motor_side.columns import COARSE, EXPLAINED, FLOORS, MISFIT, UNFIT, Columns
 from elid_cli.estimation.motor_side.latent_fit import LatentFit
@@ -30,8 +30,6 @@ than a shape of friction. Measured: simulated logs with every friction up to 3.4
 NO_PATH = 50.0
 """Misfit of a start's path, to a tenth of the torque, from which on its parameters explain nothing. Measured: starts
 that led somewhere up to 5, arms whose motion goes on far above the highest band 100 to 10^6."""
-CLOSE = 0.03
-"""Standard error over the compliance, at most, of one that is told."""
 _SAME_COST, _SAME_PLACE, _ELSEWHERE = 1e-3, 0.003, 0.03
 """Share of the cost, and logarithm of the compliances, within which two ends are one; the latter for starts."""
 STUCK = 0.25
@@ -67,7 +65,8 @@ def search(setting: Setting) -> Search:
     fits.take_the_best()
     if not fits.ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
-    return _unless_stuck(concluded(setting, sorted(fits.ends, key=lambda end: end.cost), fits.hopeless), fits.rougher)
+    ends = sorted(fits.ends, key=lambda end: end.cost)
+    return _unless_stuck(concluded(fits.setting, ends, fits.hopeless), fits.rougher)
 
 
 def _unless_stuck(found: Search, rougher: LatentFit | None) -> Search:
@@ -192,7 +191,21 @@ class _Fits:
             elif not self._known(first, self._coarse):
                 fine = columns.level(("load",), first.x, first.coefficients, FLOORS[:1])
                 if not self._known(fine, self._fine):
-                    self.ends.append(columns.best(fine))
+                    self.ends.append(self._best(columns, fine))
+
+    def _best(self, columns: Columns, fine: LatentFit) -> LatentFit:
+        """Return the fit with the columns that pay, of the first start within the speed that friction shows.
+
+        Where friction that changes its sign within another speed leaves less than Stribeck's columns and lost motion
+        do, all further fits take that speed: each would try those columns in its place.
+        """
+        found = columns.best(fine)
+        if not self.ends and (factor := columns.nearer_width(fine, found)) is not None:
+            self.setting = self.setting.within(factor)
+            for other in (columns, *self._waiting):
+                other.setting = self.setting
+            found = columns.best(fine)
+        return found
 
     def _give_up(self, first: LatentFit) -> None:
         self.hopeless.append(first)
@@ -210,6 +223,4 @@ class _Fits:
 
 def _close(found: LatentFit) -> bool:
     """Return whether every compliance's standard error is what a gate allows."""
-    elastic = found.problem.link.elastic
-    error = found.errors[found.problem.unknowns["c"]]
-    return bool(np.all(error[elastic] <= CLOSE * np.abs(found.compliance[elastic])))
+    return bool(np.all(relative_errors(found) <= CLOSE))

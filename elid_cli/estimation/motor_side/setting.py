@@ -62,6 +62,10 @@ class Setting:
         noise = np.maximum(positions, rough[0]), np.maximum(torques, rough[1])
         return replace(self, samples=replace(self.samples, noise=noise))
 
+    def within(self, factor: float) -> Setting:
+        """Return the same with friction that changes its sign within another speed, by its factor."""
+        return replace(self, samples=replace(self.samples, width=factor * self.samples.width))
+
     @property
     def spacing(self) -> float:
         """Distance of knots, s."""

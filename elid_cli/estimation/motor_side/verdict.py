@@ -9,11 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elid_cli.estimation.motor_side.best_end import CREEPS, FALL
+from elid_cli.estimation.motor_side.best_end import CLOSE, CREEPS, FALL
 from elid_cli.estimation.motor_side.columns import EXPLAINED, MISFIT, UNFIT
 from elid_cli.estimation.motor_side.refits import GAIN, Figures, Moves
 from elid_cli.estimation.motor_side.result import LACKS
-from elid_cli.estimation.motor_side.search import CLOSE
 from elid_cli.estimation.result import Verdict
 
 CRAWLS = 1e-4
