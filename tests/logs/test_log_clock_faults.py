@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Stream
@@ -296,7 +298,42 @@ def test_header_stamps_that_run_backwards_give_way(tmp_path: Path) -> None:
     path.write_bytes(bag.bytes())
     got = read(path)
     same(got, BASE)
-    said(got, "run backwards", "log time")
+    assert got.repairs == ("header stamps run backwards: time is the log time",)
+
+
+def test_header_stamps_that_only_come_out_of_order_are_sorted(tmp_path: Path) -> None:
+    """Messages are stored as they arrive; the header holds when they were measured."""
+    from tests.logs.made_logs import JOINTS
+
+    messages = []
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        stamp, late = 10**18 + t, np.rint(RNG.exponential(2e6, 2)).astype(int).tolist()
+        link = joint_state(stamp, list(JOINTS), BASE.q[row])
+        motor = joint_state(stamp, list(JOINTS), BASE.theta[row], effort=BASE.tau[row])
+        messages += [(stamp + late[0], "/joint_states", link), (stamp + late[1], "/motor_states", motor)]
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic)
+    for logged, topic, data in sorted(messages):
+        bag.add(topic, logged, data)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    got = read(path)
+    same(got, BASE)
+    assert got.samples == BASE.samples
+    said(got, "steps backwards in time: samples sorted")
+
+
+@pytest.mark.parametrize("wrong", [lambda t: t % 10_000_000, lambda t: RNG.permutation(t)], ids=["wraps", "random"])
+def test_header_stamps_that_do_not_go_with_the_log_time_give_way(
+    wrong: Callable[[NDArray[np.int64]], NDArray[np.int64]],
+) -> None:
+    moments = 1_000_000 * np.arange(4000) + 1
+    repairs: list[str] = []
+    clocks = {"header stamp": 10**18 + wrong(moments), "log time": 10**18 + moments}
+    (t,) = in_seconds([Stream(np.ones((4000, 1)), clocks)], notes=[], repairs=repairs)
+    assert np.abs(t - 1e-3 * np.arange(4000)).max() < 1e-9
+    assert repairs == ["header stamps run backwards: time is the log time"]
 
 
 def test_one_message_alone_without_a_stamp_is_no_clock() -> None:

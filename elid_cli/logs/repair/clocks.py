@@ -18,6 +18,10 @@ LONGEST = 1e10
 """s; stamps further than this from the others are broken ones."""
 UNRULY = 0.05
 """Share of backward steps above which a clock is not taken as increasing."""
+BACKWARDS = "run backwards"
+APART = 0.1
+"""Share of a log's duration by which the middle 90 % of header stamps may run apart from the log time, to be stamps
+that only come out of order: those of a clock that runs backwards, wraps or is of any other kind run apart by more."""
 BLOCK = 1 << 15
 """Stamps looked at at a time."""
 EPOCHS = ((1e17, 1e-9, "ns"), (1e14, 1e-6, "µs"), (1e11, 1e-3, "ms"))
@@ -47,7 +51,7 @@ def in_seconds(
     """
     if source not in TIME_SOURCES:
         raise UsageError(f"--time: unknown clock {source!r}", hint=f"one of {', '.join(TIME_SOURCES)}")
-    clock = _choose(streams, TIME_SOURCES[source], notes)
+    clock = _choose(streams, TIME_SOURCES[source], notes, notes if repairs is None else repairs)
     if clock is None:
         if rate is None:
             raise LogError(
@@ -86,7 +90,7 @@ def another_clock(streams: Sequence[Stream], asked: str = "auto") -> str:
     return "--map t=PLACE" + (f", or --time {other}" if TIME_SOURCES[other] in held else "")
 
 
-def _choose(streams: Sequence[Stream], asked: str, notes: list[str]) -> str | None:
+def _choose(streams: Sequence[Stream], asked: str, notes: list[str], repairs: list[str]) -> str | None:
     clocks = [set(stream.clocks) for stream in streams]
     common = set.intersection(*clocks) if clocks else set()
     if not common:
@@ -98,13 +102,27 @@ def _choose(streams: Sequence[Stream], asked: str, notes: list[str]) -> str | No
         notes.append(f"the log has no {asked}: its own time is taken")
     if "t" in common:
         return "t"
-    unusable = next((reason for stream in streams if (reason := _unusable(stream.clocks["header stamp"]))), "")
+    unusable = next((reason for stream in streams if (reason := _unfit(stream))), "")
     if not unusable:
         return "header stamp"
     if any(_unusable(stream.clocks["log time"]) for stream in streams) and "zero" not in unusable:
         return "header stamp"
-    notes.append(f"header stamps {unusable}: time is the log time")
+    repairs.append(f"header stamps {unusable}: time is the log time")
     return "log time"
+
+
+def _unfit(stream: Stream) -> str:
+    """Return why the header stamps of a stream cannot be used, or an empty text.
+
+    Messages are stored as they arrive, and may arrive out of order: their stamps then still go with the log time.
+    """
+    stamps, logged = stream.clocks["header stamp"], stream.clocks["log time"]
+    reason = _unusable(stamps)
+    if reason != BACKWARDS:
+        return reason
+    known = stamps != 0
+    apart = np.quantile((stamps[known] - stamps[known][0]) - (logged[known] - logged[known][0]), (0.05, 0.95))
+    return reason if float(np.ptp(apart)) > APART * float(np.ptp(logged[known])) else ""
 
 
 def _unusable(stamps: NDArray[np.int64]) -> str:
@@ -121,7 +139,7 @@ def _unusable(stamps: NDArray[np.int64]) -> str:
     if not moving:
         return "never advance"
     if backwards > UNRULY * (stamps.size - 1):
-        return "run backwards"
+        return BACKWARDS
     return ""
 
 
