@@ -123,7 +123,9 @@ reading = gathered(
            help="Gain of the drives' velocity loops, N·m·s/rad, given like --kp."),
     option(INPUT, "--time", type=click.Choice(("auto", "header", "log")), default="auto",
            help="Clock of an MCAP log: the messages' header stamps, or the times of logging."),
-    option(INPUT, "--strict", is_flag=True, help="Refuse a damaged log. Default: use its undamaged part."),
+    option(INPUT, "--strict", is_flag=True,
+           help="Refuse a log whose file is damaged, or whose samples are missing, wrong, repeated or out of order. "
+           "Default: use its undamaged part."),
     option(INPUT, "--leave-out", type=Span(), multiple=True, metavar="START:STOP",
            help="Leave out this part of the log, in s from its first sample: a stop, a collision. Repeatable."),
 )  # fmt: skip

@@ -24,6 +24,7 @@ from elid_cli.logs.mapping.resolve import resolve
 from elid_cli.logs.mapping.suggest import proposal
 from elid_cli.logs.repair.align import Aligned, align, resampled
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
+from elid_cli.logs.repair.damage import Damage, refuse
 from elid_cli.logs.repair.reachable import Sampled
 from elid_cli.logs.repair.sample_times import at_even_times
 from elid_cli.logs.source import Source, open_source
@@ -88,7 +89,8 @@ def read_recording(
     mapping
         The mapping of ``--map`` as written in YAML (`read_map_options`); tried before the robot's own.
     strict
-        Refuse logs that are cut or damaged, do not fit `mapping`, or lack a signal of some joint.
+        Refuse logs that are cut or damaged, do not fit `mapping`, lack a signal of some joint, or have samples that are
+        missing, wrong, repeated or out of order.
     rate
         Sample rate, Hz, of a log that has no time.
     time_source
@@ -167,12 +169,8 @@ def _read(raw: RawLog, name: str, index: int, options: Options) -> _Part:
         except LogError as error:
             raise _with_rate(error, raw, plan, options.rate) from error
     streams = raw.load([pick for placement in plan.placements.values() for pick in placement.picks])
-    if options.strict and (raw.losses or plan.unfit):
-        raise LogError(
-            f"{name}: {(raw.losses + list(plan.unfit))[0]}",
-            detail="refused because --strict was asked for",
-            hint="without --strict elid uses what is whole",
-        )
+    if options.strict:
+        refuse(name, [*raw.losses, *plan.unfit])
     notes = [*raw.notes, *plan.notes, *told_torques(plan)]
     factor, mended = plan.time.factor if plan.time is not None else None, list[str]()
     try:
@@ -192,6 +190,8 @@ def _read(raw: RawLog, name: str, index: int, options: Options) -> _Part:
     ]  # their stamps take as much memory as a joint's signals
     aligned = align(converted(plan, streams, seconds, robot), robot.joint_names, name, other, options.spans)
     aligned = at_even_times(aligned)
+    if options.strict:
+        refuse(name, [said for said in [*mended, *aligned.repairs] if isinstance(said, Damage)])
     _believable(aligned.dt, name, plan)
     signals = dict(aligned.signals)
     for signal, placement in plan.placements.items():

@@ -13,6 +13,7 @@ from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.mapping.language import COMMANDS
 from elid_cli.logs.repair.asked import without
+from elid_cli.logs.repair.damage import Damage
 from elid_cli.logs.repair.drives_off import drives_off
 from elid_cli.logs.repair.grid import Grid, grid_of, identical, interpolate, onto, regularised
 from elid_cli.logs.repair.reachable import SHORTEST, Sampled, possible
@@ -117,7 +118,7 @@ def _without_holes(stream: Sampled, repairs: list[str], sound: set[int]) -> Iter
         held = finite[:, columns].any(axis=1)
         missing = held.size - np.count_nonzero(held)
         if 0 < missing < (1 - DENSE) * held.size:
-            repairs.append(f"{stream.signal}: {missing} of {held.size} samples hold no number, left out")
+            repairs.append(Damage(f"{stream.signal}: {missing} of {held.size} samples hold no number, left out"))
         t, values = (stream.t[held], stream.values[held]) if missing else (stream.t, stream.values)
         chosen = values if len(columns) == len(stream.joints) else values[:, columns]
         yield Sampled(stream.signal, tuple(stream.joints[k] for k in columns), chosen, t)
@@ -184,7 +185,8 @@ def _tracks(
         missing = held.size - np.count_nonzero(held)
         if missing:
             who = " ".join(joints[stream.joints[k]] for k in columns)
-            repairs.append(f"{stream.signal} of {who}: {missing} of {held.size} values are not numbers, left out")
+            count = f"{missing} of {held.size} values"
+            repairs.append(Damage(f"{stream.signal} of {who}: {count} are not numbers, left out"))
         sub = line.subset(held) if missing else line
         if sub.t.size >= 2:
             yield _Track(stream.signal, tuple(stream.joints[k] for k in columns), stream.values[:, columns], sub)
@@ -264,7 +266,9 @@ def _cut(
         longest = sorted(gaps, key=lambda gap: -gap[1])[:NAMED_GAPS]
         named = ", ".join(f"{length:.4g} s after t = {when - t[0]:.6g} s" for when, length in sorted(longest))
         more = f" and {len(gaps) - NAMED_GAPS} shorter" if len(gaps) > NAMED_GAPS else ""
-        repairs.append(f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, split there: {named}{more}")
+        said = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, split there: {named}{more}"
+        lost = len(grid.bounds()) > 1  # else all are of drives that were off, or were asked for
+        repairs.append(Damage(said) if lost else said)
     if short:
         repairs.append(f"{short} segment{'s' * (short > 1)} of fewer than {SHORTEST} samples between gaps left out")
     segments: list[tuple[int, int]] = []

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs.contract import Stream
+from elid_cli.logs.repair.damage import Damage
 
 TIME_SOURCES = {"auto": "", "header": "header stamp", "log": "log time"}
 """Values of --time -> the clock's name."""
@@ -107,7 +108,8 @@ def _choose(streams: Sequence[Stream], asked: str, notes: list[str], repairs: li
         return "header stamp"
     if any(_unusable(stream.clocks["log time"]) for stream in streams) and "zero" not in unusable:
         return "header stamp"
-    repairs.append(f"header stamps {unusable}: time is the log time")
+    said = f"header stamps {unusable}: time is the log time"
+    repairs.append(Damage(said) if unusable == BACKWARDS else said)
     return "log time"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
+from elid_cli.logs.repair.damage import Damage
 from elid_cli.logs.repair.dropouts import impossible
 from elid_cli.logs.repair.timeline import Timeline
 
@@ -63,10 +64,9 @@ def possible(
                 sound.discard(id(stream.values))
             for k, parts in lost.items():
                 count, largest = sum(number for number, _ in parts), max(size for _, size in parts)
-                repairs.append(
-                    f"{stream.signal} of {joints[stream.joints[k]]}: {count} sample{'s' * (count > 1)} off the "
-                    f"motion left out (by up to {largest:.3g})"
-                )
+                where = f"{stream.signal} of {joints[stream.joints[k]]}"
+                off = f"{count} sample{'s' * (count > 1)} off the motion left out (by up to {largest:.3g})"
+                repairs.append(Damage(f"{where}: {off}"))
         stream = stream if values is stream.values else replace(stream, values=values)
         result.append(stream)
         kept[id(stream)] = line
@@ -84,7 +84,8 @@ def possible(
     at = np.unique([when for places in jumps.values() for when, _ in places])
     if at.size:
         who = " ".join(dict.fromkeys(joints[joint] for joint, _ in jumps if jumps[joint, _]))
-        repairs.append(f"the position of {who} jumps and stays, {at.size} time{'s' * (at.size > 1)}: split there")
+        times = f"{at.size} time{'s' * (at.size > 1)}"
+        repairs.append(Damage(f"the position of {who} jumps and stays, {times}: split there"))
     return result, {key: line.split(at) if line is not None and at.size else line for key, line in kept.items()}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.logs.repair.damage import Damage
 from elid_cli.logs.repair.grid import Grid, interpolate
 from elid_cli.logs.repair.timeline import fill_limit
 from elid_cli.memory import extremes, let_go, writable
@@ -36,10 +37,8 @@ def fill(
     if found:
         signal, j, where = max(found, key=lambda item: item[2].size)
         others = f", at most as many of {len(found) - 1} others" if len(found) > 1 else ""
-        repairs.append(
-            f"missing samples in runs of at most {limit} bridged by interpolation: "
-            f"{where.size} of {signal}.{joints[j]}{others}"
-        )
+        bridged = f"{where.size} of {signal}.{joints[j]}{others}"
+        repairs.append(Damage(f"missing samples in runs of at most {limit} bridged by interpolation: {bridged}"))
     return found
 
 
@@ -109,10 +108,8 @@ def without_glitches(signal: str, joints: Sequence[str], values: Array, repairs:
         worst = float(column[broken][np.argmax(np.abs(column[broken]))])
         mended[broken, k] = np.nan
         plural = "s" * (count > 1)
-        repairs.append(
-            f"{signal} of {joints[k]}: {count} broken sample{plural} left out "
-            f"(up to {worst:.4g}, the others are within {low[k]:.4g} and {high[k]:.4g})"
-        )
+        usual = f"(up to {worst:.4g}, the others are within {low[k]:.4g} and {high[k]:.4g})"
+        repairs.append(Damage(f"{signal} of {joints[k]}: {count} broken sample{plural} left out {usual}"))
     return mended
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.logs.repair.damage import Damage
 
 Rows = NDArray[np.intp]
 
@@ -91,7 +92,7 @@ def build(stamps: Array, values: Array, label: str, shifts: tuple[tuple[float, f
     t = stamps
     finite = np.isfinite(t)
     if not finite.all():
-        repairs.append(f"{label}: {np.count_nonzero(~finite)} samples without a time left out")
+        repairs.append(Damage(f"{label}: {np.count_nonzero(~finite)} samples without a time left out"))
         rows = np.flatnonzero(finite)
         t = t[rows]
     if t.size < 2:
@@ -201,12 +202,10 @@ def _ordered(
                 shift = known[k][1]
             shifted[start:] = t[start:] + shift
             shifts.append((raw, shift))
-            repairs.append(
-                f"{label}: the clock jumps back by {t[start - 1] - raw:.6g} s at t = {t[start - 1] - t[0]:.6g} s: "
-                "split there"
-            )
+            by, at = t[start - 1] - raw, t[start - 1] - t[0]
+            repairs.append(Damage(f"{label}: the clock jumps back by {by:.6g} s at t = {at:.6g} s: split there"))
         return shifted, rows, tuple(shifts)
-    repairs.append(f"{label}: {back.size} steps backwards in time: samples sorted")
+    repairs.append(Damage(f"{label}: {back.size} steps backwards in time: samples sorted"))
     return t[order], (order if rows is None else rows[order]), ()
 
 
@@ -228,7 +227,7 @@ def _without_repeats(
     keep[repeated] = False
     different = np.count_nonzero(~copies)
     what = f", {different} of them with other values" if different else ""
-    repairs.append(f"{label}: {repeated.size} samples with a repeated stamp left out{what}")
+    repairs.append(Damage(f"{label}: {repeated.size} samples with a repeated stamp left out{what}"))
     return t[keep], rows[keep], int(different)
 
 
