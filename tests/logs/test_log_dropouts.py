@@ -11,6 +11,8 @@ from elid_cli.errors import LogError
 from elid_cli.logs.repair.align import align
 from elid_cli.logs.repair.dropouts import impossible
 from elid_cli.logs.repair.reachable import Sampled
+from tests.logs.faults import table
+from tests.logs.made_logs import read, recording
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT.parent / "shared" / "data"
@@ -120,3 +122,18 @@ def test_a_position_that_jumps_and_stays() -> None:
     done = align([Sampled(s, (0, 1), v, t) for s, v in streams.items()], ("a", "b"), "log")
     assert done.segments == ((0, 2000), (2000, 4000))
     assert "the position of a jumps and stays, 1 time: split there" in done.repairs
+
+
+@pytest.mark.parametrize(("wrong", "words"), [(0.0, "off the motion left out"), (1e5, "1 broken sample left out")])
+@pytest.mark.parametrize("holes", [(), (900, 1200)])
+def test_a_sample_that_was_left_out_is_not_counted_as_no_number_too(
+    tmp_path: Path, wrong: float, words: str, holes: tuple[int, ...]
+) -> None:
+    log = table(recording())
+    rows = np.arange(log.rows.shape[0])
+    log = log.with_column("q.shoulder", lambda q: np.where(rows == 700, wrong, q + 3.0))
+    log = log.with_column("q.shoulder", lambda q: np.where(np.isin(rows, holes), np.nan, q))
+    got = read(log.save(tmp_path / "log.csv"))
+    assert sum(words in said for said in got.repairs) == 1
+    counted = ["q of shoulder: 2 of 4000 values are not numbers, left out"] if holes else []
+    assert [said for said in got.repairs if "number" in said] == counted

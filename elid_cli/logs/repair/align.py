@@ -115,19 +115,22 @@ def _without_holes(stream: Sampled, repairs: list[str], sound: set[int]) -> Iter
         if share > 0:
             groups.setdefault(finite[:, k].tobytes() if share < DENSE else b"", []).append(k)
     for columns in groups.values():
-        held = finite[:, columns].any(axis=1)
-        missing = held.size - np.count_nonzero(held)
+        held = np.asarray(finite[:, columns].any(axis=1))
+        missing = stream.missing(held, columns)
         if 0 < missing < (1 - DENSE) * held.size:
             repairs.append(Damage(f"{stream.signal}: {missing} of {held.size} samples hold no number, left out"))
-        t, values = (stream.t[held], stream.values[held]) if missing else (stream.t, stream.values)
-        chosen = values if len(columns) == len(stream.joints) else values[:, columns]
-        yield Sampled(stream.signal, tuple(stream.joints[k] for k in columns), chosen, t)
+        t, values, off = stream.t, stream.values, stream.off
+        if not held.all():
+            t, values, off = t[held], values[held], off if off is None else off[held]
+        if len(columns) < len(stream.joints):
+            values, off = values[:, columns], off if off is None else off[:, columns]
+        yield Sampled(stream.signal, tuple(stream.joints[k] for k in columns), values, t, off)
 
 
 def _unbroken(stream: Sampled, joints: Sequence[str], repairs: list[str]) -> Sampled:
     """Return a stream with its broken samples as NaN."""
     values = without_glitches(stream.signal, [joints[j] for j in stream.joints], stream.values, repairs)
-    return stream if values is stream.values else replace(stream, values=values)
+    return stream.with_values(values)
 
 
 def _sound(values: Array) -> bool:
@@ -182,12 +185,12 @@ def _tracks(
         groups.setdefault(finite[:, k].tobytes(), []).append(k)
     for columns in groups.values():
         held = finite[:, columns[0]]
-        missing = held.size - np.count_nonzero(held)
+        missing = stream.missing(held, columns)
         if missing:
             who = " ".join(joints[stream.joints[k]] for k in columns)
             count = f"{missing} of {held.size} values"
             repairs.append(Damage(f"{stream.signal} of {who}: {count} are not numbers, left out"))
-        sub = line.subset(held) if missing else line
+        sub = line if held.all() else line.subset(held)
         if sub.t.size >= 2:
             yield _Track(stream.signal, tuple(stream.joints[k] for k in columns), stream.values[:, columns], sub)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
@@ -35,6 +36,20 @@ class Sampled:
     """Shape (N, len(joints))."""
     t: Array
     """s, shape (N,), in the order of the file."""
+    off: NDArray[np.bool_] | None = None
+    """Which values were numbers and have been taken out, which is said; None: none."""
+
+    def with_values(self, values: Array) -> Sampled:
+        """Return the stream with some of its values taken out (NaN)."""
+        if values is self.values:
+            return self
+        off = np.isfinite(self.values) & np.isnan(values)
+        return replace(self, values=values, off=off if self.off is None else off | self.off)
+
+    def missing(self, held: NDArray[np.bool_], columns: Sequence[int]) -> int:
+        """Return how many rows that are not `held`, shape (N,), lack what the log itself does not hold in `columns`."""
+        lacking = ~held if self.off is None else ~held & ~self.off[:, columns].any(axis=1)
+        return int(np.count_nonzero(lacking))
 
 
 def possible(
@@ -67,7 +82,7 @@ def possible(
                 where = f"{stream.signal} of {joints[stream.joints[k]]}"
                 off = f"{count} sample{'s' * (count > 1)} off the motion left out (by up to {largest:.3g})"
                 repairs.append(Damage(f"{where}: {off}"))
-        stream = stream if values is stream.values else replace(stream, values=values)
+        stream = stream.with_values(values)
         result.append(stream)
         kept[id(stream)] = line
     held = {(joint, stream.signal) for stream in result for joint in stream.joints}
