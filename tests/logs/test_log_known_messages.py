@@ -253,6 +253,9 @@ def test_dynamic_joint_states_are_like_joint_states_and_the_source_with_more_joi
     np.testing.assert_array_equal(log.q, BASE.q)
     np.testing.assert_array_equal(log.tau, BASE.tau)
     assert "q could be read from /joint_states as well, which has fewer joints" in log.notes
+    # of an effort the robot tells whose torque it is, which another note says
+    assert "q effort are taken as known of control_msgs/DynamicJointState on /dynamic_joint_states" in log.notes
+    assert "tau is the effort of /dynamic_joint_states.effort, as the log holds nothing else of the motors" in log.notes
 
 
 def bare_bag(folder: Path, kind: str, text: str, message: Any) -> Path:

@@ -84,10 +84,14 @@ class _Placing:
     def chosen(self) -> Iterator[str]:
         """Yield a note for every message that is known, and for every one that another one is taken in place of."""
         for where in dict.fromkeys(filter(None, self.used.values())):
-            known = [signal for signal, by in self.used.items() if by == where]
+            known = [self._as_known(signal) for signal, by in self.used.items() if by == where]
             yield f"{' '.join(known)} are taken as known of {where}"
         for (topic, why), signals in self.passed.items():
             yield f"{' '.join(signals)} could be read from {topic} as well, which has {why}"
+
+    def _as_known(self, signal: str) -> str:
+        """Return what a message is known to hold: of an effort it is the robot that tells whose torque it is."""
+        return "effort" if signal == "tau_link" and self.either else signal
 
     def _pass_over(self, signal: str, lesser: Placement, *worths: tuple[int, int]) -> None:
         """Keep which message is not used for a signal, of two with these worths, and why."""
