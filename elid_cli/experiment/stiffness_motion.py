@@ -206,19 +206,38 @@ def _fitting(robot: Robot, slow: SplineReference, k: int, unit: Multisine) -> tu
     joint = robot.joints[k]
     low, high = range_of(joint)
     limits = 0.5 * (high - low), *limits_of(joint)
-    most = ACCELERATION[1]
+    room = []
     moved = (slow.evaluate(t)[d][:, k] for d in range(3))
     for base, part, limit in zip(moved, unit.evaluate(t, slow.duration), limits, strict=True):
         base = base - 0.5 * (low + high) if limit is limits[0] else base
-        room = np.min((ROOM * limit - np.abs(base)) / np.maximum(np.abs(part), 1e-12))
-        most = min(most, float(room))
+        room.append(float(np.min((ROOM * limit - np.abs(base)) / np.maximum(np.abs(part), 1e-12))))
+    most = min(ACCELERATION[1], *room)
     if most < ACCELERATION[0]:
-        raise DataError(
-            f"the limits of {joint.name} leave room for a multisine of {max(most, 0.0):.2g} "
-            f"{joint.units[0]}/s² only, {ACCELERATION[0]:g} are needed",
-            hint="check limits: of the joint in the robot file: position, velocity and acceleration",
-        )
+        raise _no_room(robot, k, most, int(np.argmin(room)))
     return most, Multisine(unit.frequency, unit.phase, unit.amplitude * most)
+
+
+def _no_room(robot: Robot, k: int, most: float, tightest: int) -> DataError:
+    """Return the refusal of a multisine of which a joint's limits allow `most`: whose limits they are, and the mend."""
+    joint = robot.joints[k]
+    unit, own = joint.units[0], joint.limits
+    (low, high), (speed, acceleration) = range_of(joint), limits_of(joint)
+    limits = (
+        ("position", f"{low:.4g} to {high:.4g} {unit}", f"[{2 * low:.4g}, {2 * high:.4g}]", own.position),
+        ("velocity", f"{speed:.4g} {unit}/s", f"{2 * speed:.4g}", own.velocity),
+        ("acceleration", f"{acceleration:.4g} {unit}/s²", f"{2 * acceleration:.4g}", own.acceleration),
+    )
+    told = ", ".join(f"{key} {size}{' (default)' if given is None else ''}" for key, size, _, given in limits)
+    ours = any(given is None for *_, given in limits)
+    key, _, larger, given = limits[tightest]
+    return DataError(
+        f"the limits of {joint.name} leave room for a multisine of {max(most, 0.0):.2g} {unit}/s² only, "
+        f"{ACCELERATION[0]:g} are needed",
+        detail=f"{told}; {key} leaves least room"
+        + ("; (default): elid's own, where the description gives none" if ours else ""),
+        hint=f"if the joint can do more, {'say so' if given is None else 'change it'} {robot.place_to_say}, "
+        f"such as limits: {{{key}: {larger}}}",
+    )
 
 
 def _edge(t: Array) -> tuple[Array, Array, Array]:

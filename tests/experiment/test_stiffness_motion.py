@@ -103,8 +103,24 @@ def test_what_it_cannot_plan_is_said(arm: Robot) -> None:
         with pytest.raises(UsageError, match=reason):
             stiffness_motion(arm, [words])
     weak = replace(arm, joints=(replace(arm.joints[0], limits=Limits((-2.0, 2.0), 3.0, 3.0, 300.0)),))
-    with pytest.raises(DataError, match="leave room for a multisine of"):
+    with pytest.raises(DataError, match="leave room for a multisine of") as caught:
         stiffness_motion(weak, ["shoulder"])
+    assert "default" not in str(caught.value)
+    assert "change it in the robot file, such as limits: {acceleration: 6}" in str(caught.value.hint)
+
+
+def test_default_limits_that_leave_no_room_are_said_to_be_elids(arm: Robot) -> None:
+    """A robot file without limits cannot be checked for them: the message says which ones act, and how to set them."""
+    without = replace(arm, joints=(replace(arm.joints[0], limits=Limits()),))
+    with pytest.raises(DataError, match="leave room for a multisine of") as caught:
+        stiffness_motion(without, ["shoulder:53.8"])
+    assert "position -1.2 to 1.2 rad (default), velocity 2 rad/s (default), acceleration 8 rad/s² (default)" in str(
+        caught.value.detail
+    )
+    assert "elid's own" in str(caught.value.detail)
+    assert "say so in the robot file, such as limits: {acceleration: 16}" in str(caught.value.hint)
+    raised = replace(arm, joints=(replace(arm.joints[0], limits=Limits(acceleration=16.0)),))
+    assert stiffness_motion(raised, ["shoulder:53.8"]).top > 53.8
 
 
 def test_the_command_writes_what_simulate_follows(
