@@ -53,6 +53,8 @@ class SavedResult:
     """Mean over the log and over joints, °C; None where it was not logged."""
     logs: tuple[str, ...] = ()
     """SHA-256 of its logs."""
+    log_files: tuple[str, ...] = ()
+    """Their names."""
     warnings: tuple[str, ...] = ()
     """What was warned of its logs and its estimates."""
     fingerprint: str = ""
@@ -158,8 +160,8 @@ def result_of(data: Mapping[str, Any], path: str) -> SavedResult:
     told = log if isinstance(log, dict) else {}
     return SavedResult(
         path, str(data.get("robot", "")), parameters, _relative(error), joints, beside, _temperature(data),
-        _texts(told.get("sha256")), (*_texts(told.get("warnings")), *_texts(data.get("warnings"))),
-        str(data.get("robot_fingerprint") or ""),
+        _texts(told.get("sha256")), _texts(told.get("files")),
+        (*_texts(told.get("warnings")), *_texts(data.get("warnings"))), str(data.get("robot_fingerprint") or ""),
     )  # fmt: skip
 
 

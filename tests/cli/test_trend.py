@@ -66,6 +66,17 @@ def test_what_results_warn_of_is_told_with_their_files(files: list[str], capsys:
     ]
 
 
+def test_it_names_the_joints_and_the_logs(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    for k, name in enumerate(files):
+        saved = json.loads(Path(name).read_text())
+        saved["log"]["files"] = [f"run{k % 4}.mcap"]
+        Path(name).write_text(json.dumps(saved))
+    assert main(["trend", *files, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["joints"] == ["a", "b"]
+    assert told["log"] == {"files": [f"run{k}.mcap" for k in range(4)], "sha256": ["0", "1", "2", "3"]}
+
+
 def test_the_same_result_counts_once(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     copy = Path(files[0]).with_name("copy.json")
     copy.write_bytes(Path(files[0]).read_bytes())

@@ -47,3 +47,9 @@ def warnings_of(results: Sequence[SavedResult]) -> list[str]:
     same = [f"{in_words(files, NAMED)} are of the same log, but count as different recordings"
             for files in logs.values() if len(files) > 1]  # fmt: skip
     return [*same, *(f"{in_words(files, NAMED)}: {line}" for line, files in said.items())]
+
+
+def logs_of(results: Sequence[SavedResult]) -> tuple[tuple[str, str], ...]:
+    """Return name and SHA-256 of every log of some results, each once."""
+    told = [pair for result in results for pair in zip(result.log_files, result.logs, strict=False)]
+    return tuple(dict.fromkeys(told))

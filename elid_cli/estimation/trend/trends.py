@@ -14,7 +14,7 @@ from elid_cli.estimation.comparison import Result, SavedResult, as_saved
 from elid_cli.estimation.trend.apart import Estimates, StandsOut, standing_out
 from elid_cli.estimation.trend.conditions import conditions_of
 from elid_cli.estimation.trend.families import LEADER, Family, FamilyWord, explained, families
-from elid_cli.estimation.trend.given import distinct, warnings_of
+from elid_cli.estimation.trend.given import distinct, logs_of, warnings_of
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS
 from elid_cli.tables import Shown
@@ -68,6 +68,8 @@ class Trends(Shown):
     """What results warn of, with their files; which are the same result, or of the same log."""
     conditions: tuple[str, ...] = ()
     """What all recordings tell beside time that joints together are compared with: ``temperature``, ``delay``."""
+    logs: tuple[tuple[str, str], ...] = ()
+    """Name and SHA-256 of every log that the recordings were identified from, as far as they tell."""
 
     def joint_of(self, item: Trend) -> str:
         """Return the joint of a parameter: that of a sum's leading term, or the one that its name ends in."""
@@ -161,7 +163,7 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     judged = tuple(replace(kind, explained=explained(kind, conditions)) if kind.word != "steady" else kind
                    for kind in kinds)  # fmt: skip
     return Trends(read[0].robot, tuple(r.file for r in read), trends, read[0].joints, axis, judged, apart,
-                  (*again, *warnings_of(read)), tuple(conditions))  # fmt: skip
+                  (*again, *warnings_of(read)), tuple(conditions), logs_of(read))  # fmt: skip
 
 
 def _estimates(read: Sequence[SavedResult], places: Array) -> Estimates:

@@ -61,6 +61,8 @@ def trend_payload(found: Trends, warnings: Sequence[str]) -> dict[str, Any]:
     """Return the JSON object of a trend with what is warned of."""
     return {
         "robot": found.robot,
+        "joints": found.joints,
+        "log": {"files": [file for file, _ in found.logs], "sha256": [digest for _, digest in found.logs]},
         "files": found.files,
         "slope_per": found.axis,
         "stands_out": standing_out_entries(found),

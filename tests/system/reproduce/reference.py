@@ -201,9 +201,13 @@ def json_page() -> str:
     words = """Reports use other words for some things: `supported` is printed as known, `weak` as known roughly,
         `refused` as not shown, and `quarters` as the four stretches of the log, of which a table shows the worst.
         `sum` is printed as whole joint, and `motor` as motor side."""
+    lacking = [[f"`{c}`" for c, own in commands.items() if key not in own["properties"]] for key in ("joints", "log")]
+    jointless, logless = (", ".join(names) for names in lacking)
+    robots = f"""Commands that know a robot name it and its joints (`robot`, `joints`): all but {jointless}.
+        Those that read logs or results of logs say which (`log`): all but {logless}."""
     lines = [
         "# JSON output", "", MADE, "", *_paragraph(intro), "", *_paragraph(words), "",
-        "Every command gives these:", "", *_keys(shared, ()),
+        "Every command gives these:", "", *_keys(shared, ()), "", *_paragraph(robots),
     ]  # fmt: skip
     for name, command in commands.items():
         own = {key: value for key, value in command["properties"].items() if key not in shared}
