@@ -5,10 +5,15 @@ Section 5 of the paper: independent, in a combination only, or not at all.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot, log_request
 from elid_cli.cli.options import Gates, Output, Source, Spread
+
+if TYPE_CHECKING:
+    from elid_cli.robot.robot import Robot
 
 
 @verb("elid classify --robot puma560", "elid classify run07.mcap --robot puma560")
@@ -34,7 +39,9 @@ def classify(source: Source, spread: Spread, gates: Gates, output: Output) -> No
         base = find_base(Regressor(machine))
         check_names(gates, machine)
         recording = found = None
-        if source.logs:
+        if not source.logs:
+            _check_effects(machine)
+        else:
             from elid_cli.estimation.identify import EstimateOptions, identify_logs
 
             by_torque = EstimateOptions(fit="torque")  # which knows the bodies as well
@@ -42,3 +49,15 @@ def classify(source: Source, spread: Spread, gates: Gates, output: Output) -> No
             found, recording = answer.found, answer.recording
     emit(classification_report(machine, base, source.robot, found, recording), output)
     check_gates(gates, classes=base.classes if found is None else found.this_log)
+
+
+def _check_effects(robot: Robot) -> None:
+    """Refuse a declared effect without the joint that it needs, as identification does.
+
+    Whether one can exist at its joint may depend on the log: of transmissions that are `auto`, say.
+    """
+    from elid_cli.model.effects.declared import resolve
+
+    for spec in robot.effects:
+        if spec.joint is None:
+            resolve(robot, spec)
