@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -114,6 +115,16 @@ class FittedEffect:
     parameters: Mapping[str, float]
     std_error: Mapping[str, float]
     """Standard errors of the amplitudes, by name."""
+
+    @property
+    def unshown(self) -> tuple[str, ...]:
+        """Names of the parameters that the log does not determine: their values stand for nothing."""
+        return tuple(name for name, error in self.std_error.items() if not math.isfinite(error))
+
+    @property
+    def shown(self) -> dict[str, float]:
+        """The other parameters."""
+        return {name: value for name, value in self.parameters.items() if name not in self.unshown}
 
 
 ROUNDING = 1e-9

@@ -118,8 +118,9 @@ def result_items(found: Identification) -> inputs.Items:
 
 def _effect_item(robot: Robot, found: FittedEffect) -> tuple[str, Cell]:
     """Return a declared effect with the values that this log gives it."""
-    values = inputs.effect_text(robot, found.effect, found.joint, found.parameters, found.std_error)
-    return (found.effect.replace("_", " "), f"{found.joint or 'robot'} {values}")
+    values = inputs.effect_text(robot, found.effect, found.joint, found.shown, found.std_error)
+    unshown = ", ".join(f"{name} not shown by this log" for name in found.unshown)
+    return (found.effect.replace("_", " "), f"{found.joint or 'robot'} {', '.join(filter(None, (values, unshown)))}")
 
 
 def base_tables(found: Identification) -> list[Table]:

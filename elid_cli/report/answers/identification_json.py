@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
-from elid_cli.estimation.result import Identification
+from elid_cli.estimation.result import FittedEffect, Identification
 from elid_cli.report.answers.classification import class_payload
 from elid_cli.report.answers.drive_gains import gains_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload, robot_payload
@@ -15,6 +15,14 @@ from elid_cli.report.answers.motor_side import motor_side_payload, stiffness_rec
 from elid_cli.report.tree import picked
 from elid_cli.robot.parameter import parameter_named, place_in_order
 from elid_cli.signals.recording import Recording
+
+
+def _declared_payload(effects: Sequence[FittedEffect]) -> list[dict[str, Any]]:
+    """Return the list ``effects`` of JSON: null in place of a value that the log does not determine."""
+    return [
+        {**item, "parameters": {**item["parameters"], **dict.fromkeys(effect.unshown)}}
+        for item, effect in zip(nuisance_payload(effects), effects, strict=True)
+    ]
 
 
 def identification_payload(found: Identification, recording: Recording | None = None) -> dict[str, Any]:
@@ -31,7 +39,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         **model_payload(found.model, found.noise, found.insufficient),
         **motor_side_payload(found),
         "nuisances": nuisance_payload(found.nuisances),
-        "effects": nuisance_payload(found.effects),
+        "effects": _declared_payload(found.effects),
         **gains_payload(found.drive_gains),
         **picked(found, "notes"),
         "warnings": [*(recording.warnings if recording is not None else ()), *found.warnings],
