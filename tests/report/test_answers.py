@@ -155,3 +155,10 @@ def test_what_is_left_and_may_be_no_noise_names_the_parameters_of_its_joint() ->
 )
 def test_the_next_command_takes_the_file_that_holds_most(written: tuple[str, ...], best: str) -> None:
     assert fullest(written) == best
+
+
+def test_it_is_said_what_the_other_motors_do_at_a_joints_antiresonance() -> None:
+    """With all motors held the links swing at other frequencies."""
+    from elid_cli.report.answers.motor_side import NOTE
+
+    assert "link against this joint's held motor, the other motors free" in NOTE

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.result import LinkSensor, MotorSideJoint
 
 NOTE = (
-    "rigid to: a rigid joint's torque is within 5 % up to there; antiresonance: link against held motor; resonance: "
-    "link against rotor"
+    "rigid to: a rigid joint's torque is within 5 % up to there; antiresonance: link against this joint's held motor, "
+    "the other motors free; resonance: link against rotor, all motors free"
 )
 NO_OTHER = "no other motion: first find what the model lacks, with elid diagnose"
 TONES: dict[str, Tone] = {"supported": "good", "weak": "warn", "refused": "bad"}
