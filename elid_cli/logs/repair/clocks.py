@@ -19,7 +19,7 @@ LONGEST = 1e10
 """s; stamps further than this from the others are broken ones."""
 UNRULY = 0.05
 """Share of backward steps above which a clock is not taken as increasing."""
-BACKWARDS = "run backwards"
+BACKWARDS, ZERO = "run backwards", "are zero"
 APART = 0.1
 """Share of a log's duration by which the middle 90 % of header stamps may run apart from the log time, to be stamps
 that only come out of order: those of a clock that runs backwards, wraps or is of any other kind run apart by more."""
@@ -106,10 +106,13 @@ def _choose(streams: Sequence[Stream], asked: str, notes: list[str], repairs: li
     unusable = next((reason for stream in streams if (reason := _unfit(stream))), "")
     if not unusable:
         return "header stamp"
-    if any(_unusable(stream.clocks["log time"]) for stream in streams) and "zero" not in unusable:
+    if any(_unusable(stream.clocks["log time"]) for stream in streams) and unusable != ZERO:
         return "header stamp"
     said = f"header stamps {unusable}: time is the log time"
-    repairs.append(Damage(said) if unusable == BACKWARDS else said)
+    if unusable == ZERO:  # nobody set them: the log time is what stands for them
+        notes.append(said)
+    else:
+        repairs.append(Damage(said) if unusable == BACKWARDS else said)
     return "log time"
 
 
@@ -132,7 +135,7 @@ def _unusable(stamps: NDArray[np.int64]) -> str:
     if stamps.size < 2:
         return ""
     if np.count_nonzero(stamps) < 0.5 * stamps.size:
-        return "are zero"
+        return ZERO
     moving, backwards = False, 0
     for start in range(0, stamps.size - 1, BLOCK):
         steps = np.diff(stamps[start : start + BLOCK + 1])
