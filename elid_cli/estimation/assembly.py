@@ -13,7 +13,7 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.regression.long_run import at_least
 from elid_cli.estimation.regression.nuisances import of_sampling
-from elid_cli.estimation.regression.other_shapes import sentences
+from elid_cli.estimation.regression.other_shapes import beyond_filter, sentences
 from elid_cli.estimation.regression.standard_errors import by_stretches, freedom, told_rotors
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
@@ -95,6 +95,7 @@ def assemble(
     fresh = weighed(fit, spread, _of_delivered(fit, errors), refused or {}, left)
     nuisances, delays = _nuisances(fit)
     doubts = () if fit.data.samples is None else fit.signals.doubts
+    beyond = beyond_filter(fit.effects, robot, fit.signals.filter.cutoff) if fit.effects else []
     lacking = shortfall(fit.base, fresh.rank, robot, facts)
     rotors = told_rotors(fit)
     fresh = replace(
@@ -104,7 +105,7 @@ def assemble(
         nuisances=nuisances,
         effects=_effects(fit),
         rotors=rotors,
-        warnings=(*fresh.warnings, *doubts),
+        warnings=(*fresh.warnings, *doubts, *beyond),
         notes=(
             *((lacking,) if lacking else ()),
             *(sentences(fit.effects, robot) if fit.effects else ()),

@@ -125,7 +125,7 @@ def _searched(
         partial = True
     if not partial:
         state, steps = _pruned(state, steps, declared)
-        state = polished(state, declared)
+        state, steps = _polished(state, steps, declared)
     return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen, partial=partial)
 
 
@@ -262,14 +262,45 @@ def beside(step: Step, gone: Candidate) -> Step:
 
 def polished(state: State, declared: int) -> State:
     """Refine the shapes of all found effects together, and fit once more."""
+    refined = _refined_together(state)
+    return refined if _is_better(refined, state) and not _impossible(refined, declared) else state
+
+
+def _polished(state: State, steps: list[Step], declared: int) -> tuple[State, list[Step]]:
+    """Return the state with the shapes of all found effects refined together, and the steps that are left.
+
+    An effect that stood in for what the rough shape of another one left has no possible values beside the refined one:
+    it goes, where the rest explains as much without it.
+    """
+    refined = _refined_together(state)
+    gone = _impossible(refined, declared)
+    if not gone:
+        return (refined if _is_better(refined, state) else state), steps
+    fewer = state
+    for k in reversed(gone):
+        fewer = refreshed(without(fewer, k))
+    fewer = polished(fewer, declared)
+    if len(gone) == len(steps) or not _is_better(fewer, state):
+        return state, steps
+    return fewer, [step for k, step in enumerate(steps, start=declared) if k not in gone]
+
+
+def _refined_together(state: State) -> State:
     if not any(e.shape for e in state.effects):
         return state
     items = [Declared(EffectSpec(e.name, None), e) for e in state.effects]
     others: Sequence[ExtraColumns] = state.nuisances
     fitted = fit_declared(state.log.training, state.log.signals, state.scene, items, state.solution.weights, others)
-    effects = [item.effect for item in fitted.effects]
-    polished = refreshed(fit(state.log, effects, state.scene))
-    better = sum(polished.rms(r) / state.rms(r) for r in state.triangles.rows) < len(state.triangles.rows) + 1e-9
-    kept = range(declared, len(effects))
-    possible = all(sensible(polished.effects[k], polished.scene, polished.named(k)) for k in kept)
-    return polished if better and possible else state
+    return refreshed(fit(state.log, [item.effect for item in fitted.effects], state.scene))
+
+
+def _is_better(refined: State, state: State) -> bool:
+    """Whether a state leaves no more than another one, joint by joint on the whole."""
+    rows = state.triangles.rows
+    return sum(refined.rms(r) / state.rms(r) for r in rows) < len(rows) + 1e-9
+
+
+def _impossible(state: State, declared: int) -> list[int]:
+    """Return the numbers of the found effects whose values no robot has."""
+    found = range(declared, len(state.effects))
+    return [k for k in found if not sensible(state.effects[k], state.scene, state.named(k))]

@@ -138,7 +138,7 @@ def _rounding(robot: Robot, signals: Signals) -> Array:
 
 
 def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
-    """Return the scene that knows of effects with their amplitudes (d,) what the columns of others are made of.
+    """Return the scene that knows of effects with their amplitudes (d,), and what the columns of others are made of.
 
     That is the torque through the transmissions that they add to the spring's, or take off it: of play, or of encoders
     that do not agree on zero; and through rigid ones what acts on the links, such as a payload or a balancing spring.
@@ -154,7 +154,8 @@ def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
             for row, values in effect.columns(scene).items():
                 if row.side == "link" and rigid[row.joint]:
                     added[:, row.joint] += linear @ values
-    return replace(scene, load=scene.load + added, cache={}) if added.any() else scene
+    load = scene.load + added if added.any() else scene.load
+    return replace(scene, load=load, found=tuple(effects), cache={}) if effects else scene
 
 
 def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
@@ -172,7 +173,7 @@ def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene
             for row, columns in effect.columns(scene).items():
                 total[:, row.joint] += linear @ columns
         change = float(np.linalg.norm(total - scene.predicted))
-        scene = replace(scene, predicted=total, cache={})
+        scene = replace(scene, predicted=total, alone=base, cache={})
         if change <= AGREED * float(np.linalg.norm(total)):
             break
     return scene

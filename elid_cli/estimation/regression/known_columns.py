@@ -8,7 +8,7 @@ read of the fit has kept its bytes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
@@ -22,7 +22,7 @@ from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.signals import Signals
 
-FITTED = frozenset({"tau", "load", "predicted", "parameters", "stiffness"})
+FITTED = frozenset({"tau", "load", "predicted", "parameters", "stiffness", "found", "alone"})
 """What of a scene changes with the fit; where torque is not known, the logged one is filled with the predicted."""
 ROOM = 64_000_000
 """Bytes that are kept; columns beyond are computed each time."""
@@ -81,7 +81,8 @@ class KnownColumns:
     def _digest(self, name: str) -> bytes:
         if name not in self._digests:
             values = getattr(self._scene, name)
-            self._digests[name] = hashlib.blake2b(np.ascontiguousarray(values).data).digest()
+            content = _content(values) if name == "found" else np.ascontiguousarray(values, dtype=float).data
+            self._digests[name] = hashlib.blake2b(content).digest()
         return self._digests[name]
 
     def get(self, key: Hashable) -> _Entry | None:
@@ -103,6 +104,11 @@ class KnownColumns:
         if key in self._entries or self._bytes + size <= ROOM:
             self._bytes += 0 if key in self._entries else size  # the same effect has columns of the same size
             self._entries[key] = self._fresh[key] = entry
+
+
+def _content(found: Sequence[tuple[Effect, Array]]) -> bytes:
+    """Return what tells effects with their amplitudes from others."""
+    return repr([(effect.name, effect.joint, effect.shape, linear.tolist()) for effect, linear in found]).encode()
 
 
 class _Watched(Scene):

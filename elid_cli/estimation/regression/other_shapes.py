@@ -28,6 +28,8 @@ SCATTER = 2.0
 """… and standard deviations of the difference up to which they do."""
 REACH = 2.0
 """Standard errors to the answer with shapes that explain the log as well."""
+FREQUENCY = "frequency"
+"""Name of shapes that are frequencies, Hz."""
 APART = 0.6
 """Distance of shapes' logarithms from which on they lie in different valleys."""
 
@@ -81,6 +83,20 @@ def sentences(effects: FittedEffects, robot: Robot) -> list[str]:
         shapes = [f"{effect.name} {_shape(effect, slides=not joint.revolute)}" for effect in other.values()]
         where = "" if first.whole_robot else f"{joint.name}: "
         said.append(f"{where}{' with '.join(shapes)} would explain this log as well; the standard errors include it")
+    return said
+
+
+def beyond_filter(effects: FittedEffects, robot: Robot, cutoff: float) -> list[str]:
+    """Return a warning of every effect whose frequency came out above the filter's cut-off, Hz."""
+    said = []
+    for effect in (item.effect for item in effects.effects):
+        shape = {parameter.name: value for parameter, value in zip(effect.shapes, effect.shape, strict=True)}
+        if shape.get(FREQUENCY, 0.0) > cutoff:
+            where = "" if effect.whole_robot else f"{robot.joints[effect.joint].name}: "
+            said.append(
+                f"{where}{effect.name} came out at {shape[FREQUENCY]:.3g} Hz, and the filter passes {cutoff:.3g} Hz: "
+                f"it stands for something slower, and with it other values may be biased (a higher --cutoff tells)"
+            )
     return said
 
 

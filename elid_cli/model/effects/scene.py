@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from elid_cli.model.terms.base_term import Side
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
+
+if TYPE_CHECKING:
+    from elid_cli.model.effects.effect import Effect
 
 DIRECTION_WIDTH = 5e-3
 """Joint-side speed, rad/s, over which sign(v) is rounded as tanh(v / width), in effects and simulations only."""
@@ -67,6 +70,10 @@ class Scene:
     """Measured torque in the transmission, where joint torque sensors exist."""
     rounding: Array | None = None
     """Speed over which the sign of motors' velocity is rounded, (n,); None: `DIRECTION_WIDTH`."""
+    found: Sequence[tuple[Effect, Array]] = ()
+    """Effects that the present model has beside its parameters, with their amplitudes, (d,)."""
+    alone: Array | None = None
+    """What the parameters alone predict, where `predicted` holds the torque of the effects, too; None: it does not."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)
     """Results that several effects share, keyed by (name, …)."""
     _of_motion: dict[object, Any] = field(init=False, default_factory=dict, compare=False, repr=False)

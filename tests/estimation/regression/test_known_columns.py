@@ -13,12 +13,12 @@ from elid_cli.estimation.regression.effect_columns import extra_of
 from elid_cli.estimation.regression.known_columns import KnownColumns
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.library.flexible_mode import decaying
+from elid_cli.model.effects.free_decay import decaying
 from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.recording import Segment
 from tests.model.effects.effect_scenes import N, planar, scene_of
 
-KEPT = ("backlash", "contact", "flexible_mode", "hysteresis", "payload", "stribeck", "torque_delay", "torque_ripple")
+KEPT = ("backlash", "contact", "hysteresis", "payload", "stribeck", "torque_delay", "torque_ripple")
 """Effects of motion and logged torque alone."""
 
 

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
+from elid_cli.model.effects.free_decay import decaying, free_decay, missing_torque
 from elid_cli.model.effects.kinds import OscillatorEffect
 from elid_cli.model.effects.rows import link_row
 from elid_cli.model.effects.scene import Scene
@@ -18,8 +19,6 @@ SPACING = 1.12
 """Ratio of neighbouring frequencies: a search from the nearest one still climbs the right peak."""
 LOWEST = 2.5
 """Hz; below it a mode lies among the frequencies of the motion, where it imitates anything."""
-_BLOCK = 64
-"""Samples of an oscillator's history that are computed by one product."""
 STANDING = 0.02
 """Share of the top speed below which a joint counts as standing at a segment's start."""
 
@@ -81,11 +80,30 @@ class FlexibleMode(OscillatorEffect):
         return link_row(self.joint, -(omega**2 * state[0] + 2 * zeta * omega * state[1]))
 
     def columns(self, scene: Scene) -> Columns:
-        """Run the oscillator through the log; every segment starts without vibration."""
-        return self.columns_of(scene, self.history(scene))
+        """Run the oscillator through the log; every segment starts with the vibration that its torque shows."""
+        return self._with_starts(scene, [pair for pair in scene.found if not self._is_same(pair[0])])
+
+    def _with_starts(self, scene: Scene, others: Sequence[tuple[Effect, Array]]) -> Columns:
+        """Return the column with the free decays that what is missing beside other effects shows."""
+        modes = [(effect, linear) for effect, linear in others if isinstance(effect, FlexibleMode)]
+        rest = [pair for pair in others if not isinstance(pair[0], FlexibleMode)]
+        missing = missing_torque(scene, self.joint, rest)
+        ((row, (response,)),) = self.columns_of(scene, self.history(scene)).items()
+        for mode, linear in modes:
+            if mode.joint == self.joint:  # other modes as they are where this one is not known: no circle
+                missing = missing - linear @ mode._with_starts(scene, [])[row]
+        return {row: (response + free_decay(scene, self.joint, self.pole, response, missing))[None]}
+
+    def _is_same(self, other: Effect) -> bool:
+        """Whether an effect is this mode, at whatever shape it had before."""
+        same = isinstance(other, FlexibleMode) and other.joint == self.joint
+        return same and abs(math.log(self.shape[0] / other.shape[0])) <= 2 * math.log(SPACING)
 
     def history(self, scene: Scene) -> Array:
-        """Return (z, z') at every instant, shape (2, N), exact for an acceleration that is linear between samples."""
+        """Return (z, z') at every instant, shape (2, N), exact for an acceleration that is linear between samples.
+
+        Every segment starts as if its first acceleration had lasted for long, or at rest.
+        """
         pole, dt = self.pole, scene.dt
         step = np.exp(pole * dt)
         whole = (step - 1) / pole  # what a constant input adds in a step
@@ -108,25 +126,6 @@ class FlexibleMode(OscillatorEffect):
             states[0, start:stop] = -y.imag / pole.imag
             states[1, start:stop] = -(pole * y + push).imag / pole.imag
         return states
-
-
-def decaying(factor: complex, driven: Array) -> Array:
-    """Return y of y[k] = factor y[k - 1] + driven[k] from rest, (N,): |factor| is at most about 1.
-
-    Blocks of samples by one product, what one hands on to the next by a loop over blocks.
-    """
-    powers = factor ** np.arange(_BLOCK + 1)
-    count = -(-len(driven) // _BLOCK)
-    blocks = np.zeros((count, _BLOCK), dtype=complex)
-    blocks.reshape(-1)[: len(driven)] = driven
-    lag = np.arange(_BLOCK)[None, :] - np.arange(_BLOCK)[:, None]
-    blocks = blocks @ np.where(lag >= 0, powers[np.maximum(lag, 0)], 0.0)
-    handed, state = np.empty(count, dtype=complex), 0j
-    for k, end in enumerate(blocks[:, -1].tolist()):
-        handed[k] = state
-        state = end + complex(powers[_BLOCK]) * state
-    blocks += handed[:, None] * powers[1:]
-    return blocks.reshape(-1)[: len(driven)]
 
 
 def lines(scene: Scene, joint: int, low: float, high: float, most: int = 3) -> list[float]:
