@@ -203,6 +203,15 @@ class Solved:
         """Return the fitted amplitudes of every effect, each (d,)."""
         return [self.solution.values[place] for place in self.amplitude_places]
 
+    @property
+    def late(self) -> Array:
+        """Delay of every torque channel that the nuisances still correct, s, (n,)."""
+        late = np.zeros(self.model.robot.n)
+        for k, extra in enumerate(self.nuisances):
+            if extra.nuisance == "delay":
+                late[sum_row(extra).joint] = self.solution.values[self.model.parameters + k]
+        return late
+
     def rotors(self) -> Mapping[int, float]:
         """Return the rotor inertias at joints that only friction under load tells, by a step from its scene's."""
         if self.effects is None or not self.effects.scene.rotors:

@@ -68,15 +68,6 @@ class DefaultFit(Solved):
             return float("nan"), float("nan")
         return float(self.solution.values[column]), float(np.sqrt(max(self.covariance[where[0], where[0]], 0.0)))
 
-    @property
-    def late(self) -> Array:
-        """Delay of every torque channel that the nuisances still correct, s, (n,)."""
-        late = np.zeros(self.model.robot.n)
-        for k, extra in enumerate(self.nuisances):
-            if extra.nuisance == "delay":
-                late[sum_row(extra).joint] = self.solution.values[self.model.parameters + k]
-        return late
-
 
 def fit_log(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> DefaultFit:
     """Fit a log whose samples are at hand by the default estimator (`fit_data`)."""
@@ -122,7 +113,7 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
         rotors, here = solved.rotors(), effects.scene.rotors if effects else {}
         if k >= RESCENED and all(abs(rotors[j] - here[j]) <= SETTLED * rotors[j] for j in rotors):
             break
-        scene = scene_of(data.model, solved.signals, solved.standard, rotors)
+        scene = scene_of(data.model, solved.signals, solved.standard, rotors, solved.late)
         found = zip(effects.effects, solved.amplitudes(), strict=True) if effects else ()
         scene = with_found(scene, [(item.effect, amplitude) for item, amplitude in found])
         effects = FittedEffects.of(effects.effects, scene, solved.signals) if effects else None
@@ -246,7 +237,7 @@ def _scene_beside(solved: Solved, effects: FittedEffects) -> Scene:
         items, extras = ([values[k] for k in still] for values in (effects.effects, effects.extras))
         effects = FittedEffects(tuple(items), tuple(extras), effects.scene)  # type: ignore[arg-type]
         solved = Solved.of(solved.base, solved.data, solved.nuisances, effects)
-    scene = scene_of(solved.model, solved.signals, solved.standard, solved.rotors())
+    scene = scene_of(solved.model, solved.signals, solved.standard, solved.rotors(), solved.late)
     found = zip(effects.effects, solved.amplitudes(), strict=True)
     return with_effects(scene, [(item.effect, amplitude) for item, amplitude in found])
 

@@ -275,7 +275,8 @@ def refreshed(state: State) -> State:
 
 def scene_in(log: Log, state: State, rotors: Mapping[int, float] | None = None) -> Scene:
     """Return the scene that a state makes in a log, its own or another, with its rotors or others."""
-    scene = scene_of(log.model, log.signals, state.standard, state.scene.rotors if rotors is None else rotors)
+    rotors = state.scene.rotors if rotors is None else rotors
+    scene = scene_of(log.model, log.signals, state.standard, rotors, state.solved.late)
     return with_found(scene, [(effect, state.coefficients(k)) for k, effect in enumerate(state.effects)])
 
 

@@ -74,7 +74,13 @@ def triangles_with_effects(
     return triangles if prior is None else replace(triangles, prior=prior)
 
 
-def scene_of(model: Regressor, signals: Signals, standard: Array, rotors: Mapping[int, float] = NO_ROTORS) -> Scene:
+def scene_of(
+    model: Regressor,
+    signals: Signals,
+    standard: Array,
+    rotors: Mapping[int, float] = NO_ROTORS,
+    late: Array | None = None,
+) -> Scene:
     """Return what effects are computed from: all samples of all segments, one after the other.
 
     Parameters
@@ -85,6 +91,8 @@ def scene_of(model: Regressor, signals: Signals, standard: Array, rotors: Mappin
         Standard parameters (p,), any representative of the base parameters; K of 0 or NaN counts as unknown.
     rotors
         Rotor inertias at joints, kg·m² (kg), where only sums of them and of the bodies' show (`rotor_shares`).
+    late
+        Delays of the torque channels, s, (n,), that are corrected beside the parameters.
     """
     robot = model.robot
     played = _played(signals, model.estimation.program.distinct[0])
@@ -125,6 +133,7 @@ def scene_of(model: Regressor, signals: Signals, standard: Array, rotors: Mappin
         starts=tuple(int(k) for k in np.concatenate([[0], np.cumsum(lengths)[:-1]])),
         temperature=temperature,
         rounding=_rounding(robot, signals),
+        late=late,
         **_optional(signals),
     )
 

@@ -22,7 +22,7 @@ from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.signals import Signals
 
-FITTED = frozenset({"tau", "load", "predicted", "parameters", "stiffness", "found", "alone"})
+FITTED = frozenset({"tau", "load", "predicted", "parameters", "stiffness", "found", "alone", "late"})
 """What of a scene changes with the fit; where torque is not known, the logged one is filled with the predicted."""
 ROOM = 64_000_000
 """Bytes that are kept; columns beyond are computed each time."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.rows import derivative
 from elid_cli.model.effects.scene import Scene
 
 GONE = 1e-4
@@ -59,6 +60,8 @@ def missing_torque(scene: Scene, joint: int, others: Sequence[tuple[Effect, Arra
     if not np.any(known[:, joint]):
         return np.zeros(scene.samples)
     missing = scene.tau[:, joint] - known[:, joint]
+    if scene.late is not None and scene.late[joint]:  # a swing that is logged late would start at another phase
+        missing = missing - scene.late[joint] * derivative(scene.tau[:, joint], scene.dt, scene.starts)
     for effect, linear in others:
         key = ("torque", effect.name, effect.joint, effect.shape, tuple(linear.tolist()), joint)
         if key not in scene.cache:

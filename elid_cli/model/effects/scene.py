@@ -74,6 +74,9 @@ class Scene:
     """Effects that the present model has beside its parameters, with their amplitudes, (d,)."""
     alone: Array | None = None
     """What the parameters alone predict, where `predicted` holds the torque of the effects, too; None: it does not."""
+    late: Array | None = None
+    """Delays of the torque channels, s, (n,), that the present model corrects to first order; None: it corrects none.
+    """
     cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)
     """Results that several effects share, keyed by (name, …)."""
     _of_motion: dict[object, Any] = field(init=False, default_factory=dict, compare=False, repr=False)

@@ -138,6 +138,18 @@ def test_nothing_is_guessed_where_the_torque_shows_no_mode() -> None:
     np.testing.assert_allclose(column_of(replace(scene, predicted=other, cache={})), alone)
 
 
+def test_a_swing_that_is_logged_late_starts_at_its_own_phase() -> None:
+    scene, torque = swinging_scene((0,))
+    delay, t = 2e-3, scene.motion.t
+    logged = np.stack([np.interp(t - delay, t, values) for values in scene.tau.T], axis=1)
+    scene = replace(scene, tau=logged, cache={})
+    # W p = u - delay du/dt: the nuisance's coefficient is negative where the torque is logged late
+    corrected = column_of(replace(scene, late=np.full(scene.robot.n, -delay), cache={}))
+    first = slice(5, 600)
+    off, rough = (float(np.sqrt(np.mean((c - torque)[first] ** 2))) for c in (corrected, column_of(scene)))
+    assert off < 0.3 * rough
+
+
 def test_what_other_effects_explain_is_no_free_decay() -> None:
     scene, torque = swinging_scene()
     spring, second = LinkSpring(0), FlexibleMode(0, (17.0, 0.02))
