@@ -95,6 +95,8 @@ def free_decay(scene: Scene, joint: int, pole: complex, response: Array, missing
     step = complex(np.exp(pole * scene.dt))
     moves = _moves(scene, joint)
     bounds = [*sorted({0, *scene.starts}), scene.samples]
+    if len(bounds) == 2 and not moves[0]:  # a log that begins at rest: nothing has been shaken yet
+        return found
     decays = [_Decay.of(step, moves[start:stop], start) for start, stop in pairwise(bounds) if stop > start]
     rows = np.concatenate([missing[None], response[None], _slow(scene, joint)]) * moves
     left, shares = rows.copy(), [decay.taken(rows) for decay in decays]
