@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -15,6 +15,7 @@ from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
+from elid_cli.diagnosis.fit.quieter_log import AGAIN, quieter
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.lower_cutoff import looked_closer, names_of
 from elid_cli.diagnosis.result import Diagnosis
@@ -219,7 +220,7 @@ def _by_torque(
         if kind.searched and kind.nuisance != "offset" and (not options.only or name in options.only)
     }
     declared = log.declared
-    searched = search(log, declared, library, progress, options.jobs)
+    log, searched = _searched(log, declared, library, progress, options.jobs)
     if searched.partial and progress is not None:
         progress("finishing; Ctrl-C again stops at once", 0.0)
     searched = with_rounding_that_fits(retimed(searched, len(declared)), len(declared))
@@ -244,6 +245,21 @@ def _by_torque(
         found, curves = _with_curves(found)
     told = result(robot, log, found, known, curves, named, forms)
     return replace(told, refuted=refuted, repeats=repeats_every(log.signals), usual=usual, yielding=yielding)
+
+
+def _searched(
+    log: Log, declared: list[Effect], library: Mapping[str, type[Effect]], progress: Progress | None, jobs: int
+) -> tuple[Log, Found]:
+    """Search a log; where its torques' noise is far too large, with what is left in its place."""
+    quiet = quieter(fit(log, declared))
+    found = search(quiet, declared, library, progress, jobs)
+    if quiet is log or found.partial:
+        return quiet, found
+    still = quieter(found.after, AGAIN)
+    if still is found.after.log:
+        return quiet, found
+    quiet = quiet.with_noise(still.signals.noise.tau)
+    return quiet, search(quiet, declared, library, progress, jobs)
 
 
 def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]]:

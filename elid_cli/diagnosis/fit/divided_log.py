@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.data import SampledData
 from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.regression.known_columns import KnownColumns
@@ -63,6 +64,11 @@ class Log:
         """Return the log with the model turned by another pose."""
         model = Regressor(pose.robot(self.level))
         return replace(self, model=model, base=find_base(model), observation=observe(model, self.signals), pose=pose)
+
+    def with_noise(self, tau: Array) -> Log:
+        """Return the log with other noise of its torques, (n,), N·m (N)."""
+        signals, raw = (replace(one, noise=replace(one.noise, tau=tau)) for one in (self.signals, self.raw))
+        return replace(self, signals=signals, raw=raw)
 
     @cached_property
     def training(self) -> Observation:
