@@ -49,18 +49,16 @@ def _left(state: State, group: RowGroup) -> float:
     """Return what a row leaves over its noise, at the median of the frequencies that the filter passes."""
     observation = state.log.training
     left = residuals(observation, state.solution.values, state.extras)[group.row]
-    power = _power(left[None], group)
-    noise = _power(state.floor.series[group.row], group)
+    power, noise = (_power(series, group) for series in (left[None], state.floor.series[group.row]))
     frequencies = np.fft.rfftfreq(len(left), 1.0 / observation.rate)
     passed = (frequencies > 0) & (frequencies < state.log.signals.filter.cutoff)
-    if not passed.any() or not np.median(noise[passed]) > 0:
+    if not passed.any() or not np.median(noise[:, passed]) > 0:
         return 1.0
     torque = float(np.sqrt(np.mean(observation.tau[group.row.joint][group.use] ** 2)))
     least = LEAST * torque / max(state.floor.rms[group.row], 1e-300)
-    return max(least, float(np.sqrt(np.median(power[passed]) / np.median(noise[passed]))))
+    return max(least, float(np.sqrt(np.median(power[:, passed]) / np.median(noise[:, passed]))))
 
 
 def _power(series: Array, group: RowGroup) -> Array:
-    """Return the periodogram of series (p, M), averaged, (M // 2 + 1,); instants that do not count are 0."""
-    spectrum = np.fft.rfft(np.where(group.use, series, 0.0))
-    return np.asarray(np.mean(np.abs(spectrum) ** 2, axis=0))
+    """Return the periodograms of series (p, M), (p, M // 2 + 1); instants that do not count are 0."""
+    return np.asarray(np.abs(np.fft.rfft(np.where(group.use, series, 0.0))) ** 2)

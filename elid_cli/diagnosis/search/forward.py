@@ -125,7 +125,7 @@ def _searched(
         partial = True
     if not partial:
         state, steps = _pruned(state, steps, declared)
-        state, steps = _polished(state, steps, declared)
+        state, steps = _refined_or_dropped(state, steps, declared)
     return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen, partial=partial)
 
 
@@ -260,13 +260,13 @@ def beside(step: Step, gone: Candidate) -> Step:
     return step if known or not are_twins(step.candidate, gone) else replace(step, rivals=(*step.rivals, gone))
 
 
-def polished(state: State, declared: int) -> State:
+def with_refined_shapes(state: State, declared: int) -> State:
     """Refine the shapes of all found effects together, and fit once more."""
     refined = _refined_together(state)
     return refined if _is_better(refined, state) and not _impossible(refined, declared) else state
 
 
-def _polished(state: State, steps: list[Step], declared: int) -> tuple[State, list[Step]]:
+def _refined_or_dropped(state: State, steps: list[Step], declared: int) -> tuple[State, list[Step]]:
     """Return the state with the shapes of all found effects refined together, and the steps that are left.
 
     An effect that stood in for what the rough shape of another one left has no possible values beside the refined one:
@@ -279,7 +279,7 @@ def _polished(state: State, steps: list[Step], declared: int) -> tuple[State, li
     fewer = state
     for k in reversed(gone):
         fewer = refreshed(without(fewer, k))
-    fewer = polished(fewer, declared)
+    fewer = with_refined_shapes(fewer, declared)
     if len(gone) == len(steps) or not _is_better(fewer, state):
         return state, steps
     return fewer, [step for k, step in enumerate(steps, start=declared) if k not in gone]

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.diagnosis.search.event_times import cost
-from elid_cli.diagnosis.search.forward import polished
+from elid_cli.diagnosis.search.forward import with_refined_shapes
 from elid_cli.diagnosis.search.steps import Found
 
 CLEARLY = 0.98
@@ -25,7 +25,7 @@ def with_rounding_that_fits(found: Found, declared: int) -> Found:
     rounded = _rounded(state)
     if not cost(rounded) < CLEARLY * cost(state):
         return found
-    return replace(found, after=polished(refreshed(rounded), declared))
+    return replace(found, after=with_refined_shapes(refreshed(rounded), declared))
 
 
 def _rounded(state: State) -> State:
