@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from dataclasses import replace
 
+from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.quarters import left_out, survival
@@ -95,6 +96,8 @@ def _as_possible(state: State, lacking: State, effect: Effect, rows: Sequence[Es
         nothing, by_fault, by_twin = (left_out_error(s, state, rows) for s in (lacking, state, other))
         worse = any(left_out_error(other, state, [r]) > LEAVES * left_out_error(state, state, [r]) for r in rows)
         takes = not worse and nothing - by_twin >= TWIN_TAKES * (nothing - by_fault)
-        if takes and sensible(candidate.effect, other.scene, values):
+        errors = standard_errors(other, len(other.effects) - 1) if takes else {}
+        room = takes and twin.can_be(other.scene, effect.joint, values, errors)
+        if room and sensible(candidate.effect, other.scene, values):
             found.append(replace(candidate, values=values))
     return tuple(found)

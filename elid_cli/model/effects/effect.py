@@ -180,6 +180,11 @@ class Effect(ABC):
         return ()
 
     @classmethod
+    def can_be(cls, scene: Scene, joint: int, values: Mapping[str, float], errors: Mapping[str, float]) -> bool:
+        """Return whether values and their standard errors leave room for one that can be built, in a twin's place."""
+        return True
+
+    @classmethod
     def same_together(cls, robot: Robot, found: Mapping[int, Mapping[str, float]]) -> tuple[Same, ...]:
         """Return what effects of this kind, by joint with their parameters, are together the same as."""
         return ()
