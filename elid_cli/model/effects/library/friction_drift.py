@@ -33,8 +33,10 @@ class FrictionDrift(Effect):
     place = "motor"
     takes_energy = True
     amplitudes = (
-        Parameter("coulomb", "N·m", "change of Coulomb friction from the first to the last instant"),
-        Parameter("viscous", "N·m·s/rad", "change of viscous friction from the first to the last instant"),
+        Parameter("coulomb", "N·m", "change of Coulomb friction from the first to the last instant; fs is midway"),
+        Parameter(
+            "viscous", "N·m·s/rad", "change of viscous friction from the first to the last instant; fv is midway"
+        ),
     )
     shapes = (Parameter("time", "s", "time constant of the change; linear in time when not given", low=1e-3),)
     example = {"coulomb": -0.3, "viscous": 0.15}

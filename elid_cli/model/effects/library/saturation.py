@@ -13,9 +13,9 @@ from elid_cli.model.effects.scene import Scene
 
 EVIDENCE = 0.02
 """Least share of the torque beyond a knee that has to be missing in the prediction for the knee to be tried."""
-RARE = 0.15
-"""Largest part of the samples that a limit may cut."""
-LEFT = 0.5
+RARE, OFTEN = 0.15, 0.6
+"""Largest part of the samples that a limit may cut: by `LEFT`, and by `LEFT_OFTEN`."""
+LEFT, LEFT_OFTEN = 0.5, 0.05
 """Largest part of the misfit beyond the limit that may remain when the torque is cut there."""
 
 
@@ -57,7 +57,7 @@ class Saturation(Effect):
             return []
         missing = np.sign(tau) * (tau - predicted) if np.any(predicted) else size
         knees: list[tuple[float, ...]] = []
-        for limit in np.quantile(size, (0.75, 0.85, 0.92, 0.97, 0.99)):
+        for limit in np.quantile(size, (0.45, 0.6, 0.75, 0.85, 0.92, 0.97, 0.99)):
             excess = np.maximum(size - limit, 0.0)
             power = float(excess @ excess)
             if power > 0 and float(excess @ missing) > EVIDENCE * power:
@@ -74,11 +74,12 @@ class Saturation(Effect):
         tau, predicted, limit = scene.tau[:, joint], scene.predicted[:, joint], values["limit"]
         beyond = np.abs(tau) > limit
         share = float(np.mean(beyond))
-        if not 0 < share <= RARE or not super().plausible(scene, joint, {"cut": 1.0, **values}):
+        if not 0 < share <= OFTEN or not super().plausible(scene, joint, {"cut": 1.0, **values}):
             return False
         command, needed = tau[beyond], predicted[beyond]
         left = float(np.sum((np.sign(command) * limit - needed) ** 2))
-        return left < LEFT * float(np.sum((command - needed) ** 2))
+        most = LEFT if share <= RARE else LEFT_OFTEN
+        return left < most * float(np.sum((command - needed) ** 2))
 
     def columns(self, scene: Scene) -> Columns:
         """Return the torque beyond the limit in the motor row."""
