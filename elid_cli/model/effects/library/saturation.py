@@ -15,7 +15,7 @@ EVIDENCE = 0.02
 """Least share of the torque beyond a knee that has to be missing in the prediction for the knee to be tried."""
 RARE, OFTEN = 0.15, 0.6
 """Largest part of the samples that a limit may cut: by `LEFT`, and by `LEFT_OFTEN`."""
-LEFT, LEFT_OFTEN = 0.5, 0.05
+LEFT, LEFT_OFTEN = 0.5, 0.2
 """Largest part of the misfit beyond the limit that may remain when the torque is cut there."""
 
 
