@@ -269,20 +269,37 @@ def with_refined_shapes(state: State, declared: int) -> State:
 def _refined_or_dropped(state: State, steps: list[Step], declared: int) -> tuple[State, list[Step]]:
     """Return the state with the shapes of all found effects refined together, and the steps that are left.
 
-    An effect that stood in for what the rough shape of another one left has no possible values beside the refined one:
-    it goes, where the rest explains as much without it.
+    An effect that stood in for what the rough shape of another one left has no possible values beside the refined one,
+    or nearly its shape: it goes, where the rest explains as much without it.
     """
     refined = _refined_together(state)
-    gone = _impossible(refined, declared)
-    if not gone:
-        return (refined if _is_better(refined, state) else state), steps
-    fewer = state
-    for k in reversed(gone):
-        fewer = refreshed(without(fewer, k))
-    fewer = with_refined_shapes(fewer, declared)
-    if len(gone) == len(steps) or not _is_better(fewer, state):
-        return state, steps
-    return fewer, [step for k, step in enumerate(steps, start=declared) if k not in gone]
+    impossible = _impossible(refined, declared)
+    gone = impossible or _alike(refined, declared)
+    if gone and len(gone) < len(steps):
+        fewer = state
+        for k in reversed(gone):
+            fewer = refreshed(without(fewer, k))
+        fewer = with_refined_shapes(fewer, declared)
+        if _is_better(fewer, state) or (not impossible and left_behind(refined, fewer) < NET):
+            left = [step for k, step in enumerate(steps, start=declared) if k not in gone]
+            return _pruned(fewer, left, declared)
+    return (refined if not impossible and _is_better(refined, state) else state), steps
+
+
+def _place(effect: Effect) -> tuple[str, int]:
+    return effect.name, effect.joint
+
+
+def _alike(state: State, declared: int) -> list[int]:
+    """Return the numbers of the found effects whose shapes are not told apart from a stronger one's of their kind."""
+    kept, gone = list[int](), list[int]()
+    found = range(declared, len(state.effects))
+    for k in sorted(found, key=lambda k: -float(np.linalg.norm(state.coefficients(k)))):
+        one = state.effects[k]
+        present = [state.effects[i].shape for i in kept if _place(state.effects[i]) == _place(one)]
+        distinct = not present or type(one).distinct(state.scene, one.joint, one.shape, present)
+        (kept if distinct else gone).append(k)
+    return sorted(gone)
 
 
 def _refined_together(state: State) -> State:

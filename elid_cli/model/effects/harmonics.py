@@ -37,6 +37,8 @@ class Harmonic(Effect):
     """Highest order tried apart from the gear's own."""
     periods: ClassVar[float] = 1.0
     """Least number of periods within the angle covered."""
+    short: ClassVar[float] = SHORT
+    """Part of that which a refined order may lack: no search begins lower, but may end there."""
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
@@ -59,7 +61,7 @@ class Harmonic(Effect):
             return False
         span, travel = covered(scene, joint)
         passed = travel > PASSED * span or span > 2 * math.pi * TURNS
-        return passed and values["order"] * span > 2 * math.pi * cls.periods * (1.0 - SHORT)
+        return passed and values["order"] * span > 2 * math.pi * cls.periods * (1.0 - cls.short)
 
     @classmethod
     def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:

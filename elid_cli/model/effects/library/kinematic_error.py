@@ -25,6 +25,7 @@ class KinematicError(Harmonic):
     elastic_only = strains_spring = True
     amplitudes = (Parameter("amplitude", "rad", "transmission error at the joint", low=0.0, high=0.1), PHASE)
     shapes = (ORDER,)
+    short = 0.4  # nothing else in the deflection bends with the angle as gravity does in a torque
     example = {"amplitude": 0.0004, "phase": 0.7, "order": 20.0}
 
     def columns(self, scene: Scene) -> Columns:
