@@ -30,7 +30,7 @@ from elid_cli.diagnosis.search.encoders_first import (
 from elid_cli.diagnosis.search.event_times import timed
 from elid_cli.diagnosis.search.far_zeros import with_far_zeros
 from elid_cli.diagnosis.search.screening import best_of, score, sensible
-from elid_cli.diagnosis.search.steps import NEAR, TWIN_SHARE, Found, Step, are_twins, best_step
+from elid_cli.diagnosis.search.steps import NEAR, NEAR_SHARE, TWIN_SHARE, Found, Step, are_twins, best_step
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
@@ -53,6 +53,8 @@ AGAIN = 2.0
 """Growth of its net gain, after others were accepted, from which an effect that was not worth it is tried again."""
 SMOOTHED = 0.1
 """Part of what channels explain that are moved in time by which equals may differ."""
+REFINED = 2
+"""Times that shapes are refined where effects have gone."""
 POSSIBLE = 6
 """Supported candidates that are fitted where the present model has impossible parameters."""
 
@@ -274,30 +276,40 @@ def _refined_or_dropped(state: State, steps: list[Step], declared: int) -> tuple
     """
     refined = _refined_together(state)
     impossible = _impossible(refined, declared)
-    gone = impossible or _alike(refined, declared)
+    gone = impossible or _alike(refined, state, declared)
     if gone and len(gone) < len(steps):
         fewer = state
         for k in reversed(gone):
             fewer = refreshed(without(fewer, k))
-        fewer = with_refined_shapes(fewer, declared)
-        if _is_better(fewer, state) or (not impossible and left_behind(refined, fewer) < NET):
+        for _ in range(REFINED):  # what has gone had bent the others' shapes
+            fewer = with_refined_shapes(fewer, declared)
+        if _is_better(fewer, state) or (not impossible and _as_near(fewer, refined, declared)):
             left = [step for k, step in enumerate(steps, start=declared) if k not in gone]
             return _pruned(fewer, left, declared)
     return (refined if not impossible and _is_better(refined, state) else state), steps
+
+
+def _as_near(fewer: State, refined: State, declared: int) -> bool:
+    """Whether a state explains what another with more effects does, but for a small part of what those are worth."""
+    nothing = fit(refined.log, refined.effects[:declared], refined.scene, but=refined.but)
+    return left_behind(refined, fewer) < max(NEAR, NEAR_SHARE * left_behind(refined, nothing))
 
 
 def _place(effect: Effect) -> tuple[str, int]:
     return effect.name, effect.joint
 
 
-def _alike(state: State, declared: int) -> list[int]:
-    """Return the numbers of the found effects whose shapes are not told apart from a stronger one's of their kind."""
+def _alike(refined: State, rough: State, declared: int) -> list[int]:
+    """Return the numbers of found effects whose refined shapes are not told apart from a stronger one's of their kind.
+
+    How strong they are is asked before: two of nearly one shape may both be large and cancel.
+    """
     kept, gone = list[int](), list[int]()
-    found = range(declared, len(state.effects))
-    for k in sorted(found, key=lambda k: -float(np.linalg.norm(state.coefficients(k)))):
-        one = state.effects[k]
-        present = [state.effects[i].shape for i in kept if _place(state.effects[i]) == _place(one)]
-        distinct = not present or type(one).distinct(state.scene, one.joint, one.shape, present)
+    found = range(declared, len(refined.effects))
+    for k in sorted(found, key=lambda k: -float(np.linalg.norm(rough.coefficients(k)))):
+        one = refined.effects[k]
+        present = [refined.effects[i].shape for i in kept if _place(refined.effects[i]) == _place(one)]
+        distinct = not present or type(one).distinct(refined.scene, one.joint, one.shape, present)
         (kept if distinct else gone).append(k)
     return sorted(gone)
 
