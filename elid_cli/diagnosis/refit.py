@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from elid_cli.diagnosis.effect_errors import held_errors
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.form_errors import reaching_forms
-from elid_cli.diagnosis.result import Diagnosis, FoundEffect
+from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Unexplained
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.stiffness_by_load import with_load
 from elid_cli.diagnosis.summary import described
@@ -22,15 +22,16 @@ from elid_cli.estimation.assembly import assemble, judged
 from elid_cli.estimation.data import Solved
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import identify
-from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.judgement import Insufficient, JointError
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.prediction import Validation, validate
+from elid_cli.estimation.validation.sufficiency import UNCLEAR
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.shifts import corrected, declared_shifts
-from elid_cli.model.regressor import EstimationRow
+from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals
 
@@ -104,14 +105,35 @@ def published(found: Diagnosis, signals: Signals) -> Published:
     last = _identified_again(found.robot, found.state_after, found.after, signals, declared, hold)
     rows = {(row.joint, row.rows): row for row in found.rows_after}
     noise = tuple(item for item in last.told.noise if (item.joint, item.rows) in rows)
-    lacking = last.told.model if not found.unexplained else "insufficient"
-    after = reaching_forms(replace(last.told, noise=noise, model=lacking), found.effects, found.also_possible)
+    told = with_unexplained(replace(last.told, noise=noise), found.unexplained)
+    after = reaching_forms(told, found.effects, found.also_possible)
     if last.robot is None or first.robot is None:
         return Published(first.told, after, last.robot or found.refined)
     errors, cutoff = _comparable(first, last, signals) if found.effects else ((first.told.published,) * 2, first.cutoff)
     joints = worse(*errors) if found.effects else ()
     robot = robot_between(first.robot, last.robot) if joints else last.robot
     return Published(first.told, after, robot, joints, errors, cutoff)
+
+
+def with_unexplained(told: Identification, unexplained: Sequence[Unexplained]) -> Identification:
+    """Return an identification that lacks what a diagnosis could not explain, at its own cut-off or at a higher one.
+
+    Many times the noise may move what has its place at that joint.
+    """
+    if not unexplained:
+        return told
+    known = {(item.joint, item.rows) for item in told.insufficient}
+    more = [
+        Insufficient(item.joint, cast(Kind, item.rows), item.ratio, item.variable, item.share)
+        for item in unexplained
+        if (item.joint, item.rows) not in known
+    ]
+    loud = {item.joint for item in unexplained if item.ratio > UNCLEAR}
+    names = told.robot.joint_names
+    parameters = tuple(
+        replace(p, bias_possible=p.bias_possible or names[p.leader.joint] in loud) for p in told.parameters
+    )
+    return replace(told, model="insufficient", insufficient=(*told.insufficient, *more), parameters=parameters)
 
 
 def _comparable(
@@ -184,8 +206,8 @@ def _identified_again(
         nuisances=_with_moved(found.nuisances, late), covariance=found.covariance, standard=found.standard,
         rotors=found.rotors,
         condition=found.condition, rank=found.rank,
-        rank_margin=found.rank_margin, warnings=found.warnings, noise=found.noise, insufficient=found.insufficient,
-        model=found.model,
+        rank_margin=found.rank_margin, warnings=found.warnings, notes=found.notes,
+        noise=found.noise, insufficient=found.insufficient, model=found.model,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
     written = identified_robot(replace(found, parameters=told.parameters))

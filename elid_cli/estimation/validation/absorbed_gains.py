@@ -7,7 +7,7 @@ what is left drowns in the noise. Its size is asked instead, as the diagnosis do
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +41,9 @@ class AbsorbedGains(NamedTuple):
     """Base parameters that they move, (b,)."""
 
 
-def absorbed_gains(fit: DefaultFit, quiet: Mapping[EstimationRow, float]) -> AbsorbedGains:
+def absorbed_gains(
+    fit: DefaultFit, quiet: Mapping[EstimationRow, float], lacking: Container[EstimationRow] = ()
+) -> AbsorbedGains:
     """Return the gains of torques that a fit shows, each taken alone, where several joints have a logged torque.
 
     Parameters
@@ -51,6 +53,8 @@ def absorbed_gains(fit: DefaultFit, quiet: Mapping[EstimationRow, float]) -> Abs
     quiet
         Residual of every row, N·m, up to which noise is all that is left: what a gain must come down to. Where more is
         missing, that may look like a gain.
+    lacking
+        Rows that lack something. Other joints' need not come down to noise by a gain: beside what they lack, it may be.
     """
     none = AbsorbedGains((), np.zeros(fit.base.count, dtype=bool))
     # columns of effects hold noise and hang on the fit: beside friction by load, 1.5 % was 19 of its errors from 0
@@ -64,7 +68,8 @@ def absorbed_gains(fit: DefaultFit, quiet: Mapping[EstimationRow, float]) -> Abs
         solved = Solved.of(fit.base, fit.data, (*fit.nuisances, extra), fit.effects)
         column = fit.model.parameters + len(fit.nuisances)
         where = np.flatnonzero(solved.solution.basis == column)
-        rest = {row: solved.triangles.rms(solved.solution.values, row) for row in quiet if row in solved.triangles.rows}
+        judged = [r for r in quiet if r in solved.triangles.rows and (r.joint == joint or r not in lacking)]
+        rest = {row: solved.triangles.rms(solved.solution.values, row) for row in judged}
         if not len(where) or not solved.solution.determined(column) or any(rest[row] > quiet[row] for row in rest):
             continue
         gain, error = float(solved.solution.values[column]), float(np.sqrt(covariance_of(solved)[where[0], where[0]]))

@@ -145,9 +145,16 @@ def with_differing_logs(found: Identification) -> Identification:
 
 
 def above_noise(error: Mapping[str, JointError], robot: Robot, noise: Sequence[RowNoise]) -> dict[str, JointError]:
-    """Return errors with what the sensors' noise alone would leave in every row filled in."""
+    """Return errors with what the sensors' noise alone would leave in every row filled in, where that is known."""
+    if any(n.joint in error and _quiet(n.ratio * n.floor, n.floor, error[n.joint].torque_rms) for n in noise):
+        return dict(error)
     numbers = {name: k for k, name in enumerate(robot.joint_names)}
     return floored(error, robot.joint_names, {EstimationRow(n.rows, numbers[n.joint]): n.floor for n in noise})
+
+
+def _quiet(size: float, floor: float, torque: float) -> bool:
+    """Whether what a row leaves is too little for its noise, and more than splines and rounding leave."""
+    return MATTERS * torque < size < QUIET * floor
 
 
 def _joined(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:
@@ -183,7 +190,8 @@ def judge_model(fit: DefaultFit) -> Judgement:
 
     seen = _judged_rows(part.signals, observation, left, floor, own, fitted=True)
     biased = movable(part, seen.missing, seen.curves) if seen.missing else np.zeros(fit.base.count, dtype=bool)
-    gains = absorbed_gains(part, {row: ABOVE * rms for row, rms in floor.rms.items() if row in left})
+    still = {row: ABOVE * rms for row, rms in floor.rms.items() if row in left}
+    gains = absorbed_gains(part, still, {item.row for item in seen.missing})
     biased |= gains.moved | moved_by_other_positions(part)
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
     names = observation.robot.joint_names
@@ -251,7 +259,7 @@ def _judged_rows(
     alone = signals.recording is None or signals.recording.parts == 1  # else times are of no log
     said = _Seen([], [], [], {})
     sizes = _sizes(observation, left, chosen)
-    unknown = fitted and any(MATTERS * item.torque < item.size < QUIET * floor.rms[row] for row, item in sizes.items())
+    unknown = fitted and any(_quiet(item.size, floor.rms[row], item.torque) for row, item in sizes.items())
     for group in observation.independent:
         row = group.row
         if row not in sizes:

@@ -10,8 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from elid_cli.errors import in_words
 from elid_cli.estimation.judgement import EQUATIONS, RowNoise
 from elid_cli.estimation.result import Identification
+from elid_cli.model.regressor import Kind
 
 LEAST = 0.7
 """Part of the sensors' noise below which a residual is a fault …"""
@@ -24,7 +26,7 @@ FEWEST = 30.0
 
 
 def too_quiet(found: Identification, noise: Sequence[RowNoise]) -> tuple[str, ...]:
-    """Return a sentence for each row whose residual is too small for its sensors' noise.
+    """Return a sentence for each kind of row with residuals that are too small for their sensors' noise.
 
     Parameters
     ----------
@@ -41,11 +43,16 @@ def too_quiet(found: Identification, noise: Sequence[RowNoise]) -> tuple[str, ..
         return ()
     taken = float(np.sqrt(independent / left))  # a fit takes its parameters' share of the noise away
     high = 1.0 - MARGIN / float(np.sqrt(2.0 * left))
+    quiet: dict[Kind, list[RowNoise]] = {}
+    for item in noise:
+        if item.floor > MATTERS * found.error[item.joint].torque_rms and item.ratio * taken < LEAST * high:
+            quiet.setdefault(item.rows, []).append(item)
+    why = "a drive's torque that chatters counts as noise"
     return tuple(
-        f"{item.joint}: the residual of the {EQUATIONS[item.rows]} is {item.ratio:.2g} of what the sensors' noise "
-        "alone would leave: the noise is estimated too large, or the prediction uses the torque that it predicts"
-        for item in noise
-        if item.floor > MATTERS * found.error[item.joint].torque_rms and item.ratio * taken < LEAST * high
+        f"{in_words([item.joint for item in items])}: the residual of the {EQUATIONS[rows]} is "
+        f"{in_words([f'{item.ratio:.2g}' for item in items])} of what the sensors' noise alone would leave: the noise "
+        f"is estimated too large ({why}), or the prediction uses the torque that it predicts"
+        for rows, items in quiet.items()
     )
 
 

@@ -37,6 +37,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         *inputs.used_items(told.after.settings),
         *inputs.nuisance_items(found.robot, found.corrected),
         *_tried(found),
+        *(("note", sentence) for sentence in told.after.notes),
     )
     sharper, following = further_items(told), _next(told)
     record, planned = summary.record_sections(
@@ -133,7 +134,7 @@ def _loud_words(told: DiagnosisInput) -> str:
 
 def _in_doubt(found: Diagnosis, after: Identification) -> list[str]:
     """Return the joints where what is left may be more than noise, and no parameter is marked as possibly biased."""
-    lacking = {item.joint for item in after.insufficient}
+    lacking = {found.robot.joint_names[p.leader.joint] for p in after.parameters if p.bias_possible}
     left = {row.joint for row in loud_rows(found)} | {item.joint for item in found.unexplained}
     return [joint for joint in found.robot.joint_names if joint in left - lacking]
 

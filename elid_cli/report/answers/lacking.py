@@ -12,7 +12,7 @@ from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
 from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE
-from elid_cli.estimation.validation.sufficiency import ABOVE, UNCLEAR
+from elid_cli.estimation.validation.sufficiency import ABOVE, QUIET, UNCLEAR
 from elid_cli.logs.adapt import YIELDING
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
@@ -70,7 +70,8 @@ def lacking_words(
             found = f"{found}: {kept}, a fault of the log, a ripple, or {several}"
             return f"Not clear. {found}. elid diagnose looks for the cause."
         memory = f" {size}: {kept}, or {several}."
-    return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
+    beyond = "" if any(item.ratio < QUIET for item in noise) else " beyond the sensors' noise"
+    return f"Nothing that this log shows: no joint's residual follows the motion{beyond}.{memory}"
 
 
 def moment_words(noise: Sequence[RowNoise]) -> str:
