@@ -54,13 +54,15 @@ def identification_report(
     for path in written:
         foreign = path.lower().endswith((".urdf", ".xml", ".mjcf"))
         facts += (("written", path if foreign else f"{path}{predicts}"),)
-    writes = found.model == "sufficient" and not found.drive_gains and not yielding(found)
+    unclear = is_unclear(found.noise)
+    writes = found.model == "sufficient" and not unclear and not found.drive_gains and not yielding(found)
     record, further = summary.record_sections(
         found,
         (*stiffness_items(found, robot_argument), *drives_needed(found)),
         (recording.files[0], robot_argument),
         writes=writes,
         written=writes and bool(written),
+        unclear=unclear,
     )
     lacking = {item.joint for item in found.insufficient}
     loud = [] if lacking else loud_joints(found.noise)

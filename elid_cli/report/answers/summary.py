@@ -216,6 +216,7 @@ def record_sections(
     written: bool = False,
     plan: bool = False,
     following: str = "",
+    unclear: bool = False,
 ) -> tuple[str, list[Section]]:
     """Return what the next log should hold, in a sentence and as a list with the command that plans its motion.
 
@@ -233,6 +234,8 @@ def record_sections(
         Whether a motion is to be planned whatever the parameters.
     following
         The report's next command: where it plans the motion, the list does not say so again.
+    unclear
+        Whether something may be missing that follows nothing.
     """
     log, robot = arguments
     groups: dict[str, list[BaseEstimate]] = {}
@@ -248,7 +251,7 @@ def record_sections(
     )]  # fmt: skip
     if not items:
         check = "Nothing more for these parameters. A second log would check them: elid validate."
-        if found.model == "insufficient":
+        if found.model == "insufficient" or unclear:
             check = "Nothing more for these parameters. First find what is missing: elid diagnose."
         if written:
             check = "Nothing more for these parameters. Check the written robot file on another log: elid validate."
