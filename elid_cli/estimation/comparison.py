@@ -35,6 +35,8 @@ class Estimate:
     value: float | None
     std_error: float | None
     unit: str
+    bias_possible: bool = False
+    """Whether what its model lacks may have moved it."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,11 @@ class Change:
     unit: str
     before: Estimate
     after: Estimate
+
+    @property
+    def bias_possible(self) -> bool:
+        """Whether what a model lacks may have moved it: then nothing need have changed."""
+        return self.before.bias_possible or self.after.bias_possible
 
     @property
     def deviations(self) -> float:
@@ -302,7 +309,8 @@ def _parameters(entries: Any, where: str) -> dict[str, Estimate]:
 
 
 def _estimate(entry: Mapping[str, Any]) -> Estimate:
-    return Estimate(number_of(entry.get("estimate")), number_of(entry.get("std_error")), str(entry.get("unit", "")))
+    value, error = (number_of(entry.get(name)) for name in ("estimate", "std_error"))
+    return Estimate(value, error, str(entry.get("unit", "")), entry.get("bias_possible") is True)
 
 
 def _relative(error: Any) -> dict[str, float]:

@@ -137,7 +137,8 @@ def _identify(robot: Robot, signals: Signals, options: EstimateOptions) -> Ident
     found, corrected = fitted_below(signals, side, options, lambda used, how: _identified(robot, used, how))
     if signals.recording is not None and options.guards:
         found = with_load(found, driven(robot, signals.recording) & ~signals.still)
-    return with_motor_side(found, side, corrected=corrected)
+    found = with_motor_side(found, side, corrected=corrected)
+    return found if signals.recording is None else replace(found, log_warnings=signals.recording.warnings)
 
 
 def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:

@@ -183,6 +183,8 @@ class Identification(Shown):
     effects: tuple[FittedEffect, ...] = ()
     """Effects declared in the robot file, as fitted to this log."""
     warnings: tuple[str, ...] = ()
+    log_warnings: tuple[str, ...] = ()
+    """What reading the log warned of."""
     notes: tuple[str, ...] = ()
     """What was decided on the way and why (a collocation that was not accepted…)."""
     estimator: str = "default"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from elid_cli.report.formats import Style
@@ -89,7 +90,7 @@ def _identification(found: Identification) -> View:
             *answer.base_tables(found),
             error_table(found.robot, found.error),
             *sensor_table(found.robot, found.error),
-            *warned(found.warnings),
+            *warned((*found.log_warnings, *found.warnings)),
         ],
         lambda: identification_payload(found),
         lambda values: values["base_parameters"],
@@ -143,16 +144,12 @@ def _replay(found: Replay) -> View:
 
 def _validation(found: Validation) -> View:
     from elid_cli.estimation.validation.sufficiency import judge_prediction
-    from elid_cli.report.answers.error_tables import error_table, sensor_table
-    from elid_cli.report.answers.validation import validation_payload
+    from elid_cli.report.answers.validation import validation_payload, validation_sections
 
+    said = cache(lambda: judge_prediction(found))
     return View(
-        lambda: [
-            Text("title", found.robot.name, "heading"),
-            error_table(found.robot, found.error, fitted=False),
-            *sensor_table(found.robot, found.error),
-        ],
-        lambda: validation_payload(found, judge_prediction(found)),
+        lambda: [Text("title", found.robot.name, "heading"), *validation_sections(found, said())],
+        lambda: validation_payload(found, said()),
         lambda values: [{"joint": joint, **error} for joint, error in values["error"].items()],
     )
 

@@ -242,3 +242,16 @@ def test_the_same_result_is_called_so(elid, folder: Path) -> None:
     assert "Nothing can: copy.json is the same result as a.json, to the last digit." in said
     (found,) = json.loads(elid("compare", "a.json", "copy.json", "--json", cwd=folder).stdout)["comparisons"]
     assert found["same"]
+
+
+def test_a_value_that_may_be_biased_need_not_have_changed() -> None:
+    before, after = result(), result(K1=2500.0, fv1=0.3)
+    after["base_parameters"][0]["bias_possible"] = True
+    (comparison,) = compare([result_of(before, "a.json"), result_of(after, "b.json")])
+    assert {change.name: change.bias_possible for change in comparison.moved(3.0)} == {"K1": True, "fv1": False}
+    report = comparison_report([comparison], 3.0)
+    told = next(section for section in report.sections if section.key == "answers")
+    words = dict(told.items)["what has changed?"]
+    assert words.startswith("fv1 (+50 %). Perhaps also K1 (−17 %): what a model lacks may have moved it instead")
+    (payload,) = report.payload["comparisons"]
+    assert {c["name"]: c["bias_possible"] for c in payload["changes"]}["K1"] is True

@@ -357,3 +357,19 @@ def test_a_diagnosis_chooses_what_judges(recording: Recording) -> None:
     signals = prepare(recording, ROBOT, SignalOptions.for_diagnosis(recording.rate))
     with pytest.raises(UsageError, match="the motion cannot judge this log"):
         diagnose(ROBOT, signals, DiagnoseOptions(by="motion"))
+
+
+def test_a_printed_validation_judges_by_the_sensors_noise(recording: Recording) -> None:
+    off = replace(ROBOT, joints=tuple(replace(j, parameters={**j.parameters, "fs": 5.0}) for j in ROBOT.joints))
+    told = str(validate(off, prepare(recording, off)))
+    assert "what is missing?" in told
+    assert "× noise" in told
+    assert "good  " not in told
+
+
+def test_what_reading_a_log_warned_of_is_in_its_result(recording: Recording) -> None:
+    warned = replace(recording, warnings=("the clock stood still",))
+    found = identify(ROBOT, prepare(warned, ROBOT))
+    assert found.log_warnings == ("the clock stood still",)
+    assert "the clock stood still" in str(found)
+    assert "the clock stood still" in found.to_dict()["warnings"]

@@ -25,6 +25,7 @@ from elid_cli.report.tree import (
 )
 
 SHOWN = 20
+DOUBTED = "may be biased: what a model lacks may have moved it, and nothing need have changed"
 WORSE, NOTABLE = 3.0, 0.01
 """Held-out error over that of the first result, and of the torque, from which a model is said to lack something."""
 
@@ -64,14 +65,24 @@ def _changed(comparisons: Sequence[Comparison], sigmas: float) -> str:
             said.append(_repeated(comparison))
             continue
         moved = sorted(comparison.moved(sigmas), key=lambda change: -abs(change.deviations))
-        names = listed([f"{change.name} ({_share(change)})" for change in moved])
+        sure, doubted = ([c for c in moved if c.bias_possible == biased] for biased in (False, True))
         where = f" in {comparison.other.file}" if len(comparisons) > 1 else ""
-        said += [f"{names}{where}."] if moved else []
+        said += [f"{_names(sure)}{where}."] if sure else []
+        if doubted:
+            perhaps = "Perhaps" if not sure else "Perhaps also"
+            said.append(
+                f"{perhaps} {_names(doubted)}{where}: what a model lacks may have moved "
+                f"{'it' if len(doubted) == 1 else 'them'} instead (elid diagnose)."
+            )
         same += [] if moved else [comparison.other.file]
     if same:
         where = f" in {listed(same)}" if len(comparisons) > 1 else ""
         said.append(f"Nothing by more than {number_text(sigmas, 3)} standard errors{where}.")
     return " ".join(said)
+
+
+def _names(changes: Sequence[Change]) -> str:
+    return listed([f"{change.name} ({_share(change)})" for change in changes])
 
 
 def _repeated(comparison: Comparison) -> str:
@@ -109,13 +120,16 @@ def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
         line = f"{against}: none of {count} parameters moved by more than {threshold} sd; {by_luck}"
         return [Text(f"unmoved{number}", line)]
     title = f"{against}: {len(moved)} of {count} parameters moved by more than {threshold} sd"
+    doubted = any(change.bias_possible for change in moved)
     columns = (
         Column("name", "base parameter"),
         *Column.numbers(before="result 1", after=f"result {number}", change="change", deviations="in sd"),
         Column("unit", "unit"),
+        *([Column("verdict", "verdict")] if doubted else []),
     )
-    rows = tuple(_row(change) for change in moved)
-    return [Table(f"moved{number}", columns, rows, title=title, shown=SHOWN, note=by_luck)]
+    rows = tuple(_row(change, doubted) for change in moved)
+    note = f"{by_luck}\n{DOUBTED}" if doubted else by_luck
+    return [Table(f"moved{number}", columns, rows, title=title, shown=SHOWN, note=note)]
 
 
 def by_chance(count: int, sigmas: float) -> float:
@@ -123,7 +137,8 @@ def by_chance(count: int, sigmas: float) -> float:
     return 1.0 - (1.0 - erfc(sigmas / sqrt(2.0))) ** count
 
 
-def _row(change: Change) -> tuple[Cell, ...]:
+def _row(change: Change, told: bool) -> tuple[Cell, ...]:
+    """Return the row of what moved; `told`: with whether it may be biased."""
     before, after = change.before, change.after
     assert before.value is not None
     assert after.value is not None
@@ -136,6 +151,7 @@ def _row(change: Change) -> tuple[Cell, ...]:
         percent(difference / abs(before.value) if before.value else None, 2),
         Quantity(change.deviations, digits=2, tone=tone),
         change.unit,
+        *((("may be biased" if change.bias_possible else ""),) if told else ()),
     )
 
 
@@ -223,4 +239,5 @@ def _change(change: Change) -> dict[str, Any]:
         "before_std_error": change.before.std_error,
         "after_std_error": change.after.std_error,
         "deviations": change.deviations,
+        "bias_possible": change.bias_possible,
     }

@@ -42,7 +42,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "effects": _declared_payload(found.effects),
         **gains_payload(found.drive_gains),
         **picked(found, "notes"),
-        "warnings": [*(recording.warnings if recording is not None else ()), *found.warnings],
+        "warnings": [*(found.log_warnings if recording is None else recording.warnings), *found.warnings],
     }
 
 

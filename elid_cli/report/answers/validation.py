@@ -31,9 +31,6 @@ def validation_report(
     model (`judge_prediction`).
     """
     said = said or Judgement((), ())
-    error = above_noise(found.error, found.robot, said.noise)
-    lacking = {item.joint for item in said.insufficient}
-    missing = _missing(said, alone=found.robot.n == 1) + _constant_words(found, said)
     acting = as_observed(found.robot, recording).effects
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
@@ -51,15 +48,33 @@ def validation_report(
         payload["error_by_log"] = [{"file": case.file, "error": error_payload(case.error)} for case in cases]
     sections: tuple[Section, ...] = (
         inputs.heading(found.robot, recording),
-        answers(trust_words(found.robot, error, lacking, recording.warnings), missing, "", ""),
-        *warned(recording.warnings),
-        error_table(found.robot, error, "torque of each joint", fitted=False, lacking=lacking),
-        *sensor_table(found.robot, found.error),
+        *validation_sections(found, said, recording.warnings),
         *log_table(found.robot, cases),
         KeyValues("inputs", facts, "how it was computed"),
         Text("next", inputs.command("diagnose", recording, robot_argument), "next"),
     )
     return Report("validate", payload, sections)
+
+
+def validation_sections(found: Validation, said: Judgement, warnings: Sequence[str] = ()) -> list[Section]:
+    """Return what a prediction says of the robot: can it be trusted, what is missing, the error of every joint.
+
+    Parameters
+    ----------
+    found, said
+        The prediction, and what its residual says of the model.
+    warnings
+        What reading the log warned of.
+    """
+    error = above_noise(found.error, found.robot, said.noise)
+    lacking = {item.joint for item in said.insufficient}
+    missing = _missing(said, alone=found.robot.n == 1) + _constant_words(found, said)
+    return [
+        answers(trust_words(found.robot, error, lacking, warnings), missing, "", ""),
+        *warned(warnings),
+        error_table(found.robot, error, "torque of each joint", fitted=False, lacking=lacking),
+        *sensor_table(found.robot, found.error),
+    ]
 
 
 def _missing(said: Judgement, *, alone: bool) -> str:

@@ -17,6 +17,9 @@ RARE, OFTEN = 0.15, 0.6
 """Largest part of the samples that a limit may cut: by `LEFT`, and by `LEFT_OFTEN`."""
 LEFT, LEFT_OFTEN = 0.5, 0.2
 """Largest part of the misfit beyond the limit that may remain when the torque is cut there."""
+HARD = 0.03
+"""Most that the share of the excess which is missing may differ from 1 where many samples are cut: a wall that yields
+looks like a limit that cuts a tenth more than there is."""
 
 
 class Saturation(Effect):
@@ -78,6 +81,8 @@ class Saturation(Effect):
             return False
         command, needed = tau[beyond], predicted[beyond]
         left = float(np.sum((np.sign(command) * limit - needed) ** 2))
+        if share > RARE and abs(values["cut"] - 1.0) > HARD:
+            return False
         most = LEFT if share <= RARE else LEFT_OFTEN
         return left < most * float(np.sum((command - needed) ** 2))
 
