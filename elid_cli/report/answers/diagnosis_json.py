@@ -16,7 +16,7 @@ from elid_cli.report.answers.diagnosis_tables import also_words
 from elid_cli.report.answers.identification_json import error_payload as errors
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload
-from elid_cli.report.answers.missing import curve_words
+from elid_cli.report.answers.missing import curve_words, poorly_fitted
 from elid_cli.report.tree import picked
 
 
@@ -108,6 +108,7 @@ def _effect_payload(found: Diagnosis, contribution: Contribution) -> dict[str, A
     payload = {
         **picked(effect, "effect joint parameters std_error gain"),
         "certain": found.certain(effect),
+        "poor_fit": effect.joint in poorly_fitted(found),
         **picked(effect, "summary folds quarters local collocated absorbed"),
         "forms": forms_payload(effect),
         "error": {
