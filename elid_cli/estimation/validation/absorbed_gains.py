@@ -41,6 +41,46 @@ class AbsorbedGains(NamedTuple):
     """Base parameters that they move, (b,)."""
 
 
+class Size(NamedTuple):
+    """What a fit says of a column beside all its parameters."""
+
+    values: Array
+    """Coefficients, (d,)."""
+    sure: float
+    """By how many standard errors they differ from 0 together."""
+    moved: NDArray[np.bool_]
+    """Base parameters that they move by several of their standard errors, (b,)."""
+
+
+def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationRow, float]) -> Size | None:
+    """Return how large columns are beside all parameters; None where they do not show, or more than noise is left.
+
+    Parameters
+    ----------
+    fit
+        The fit, whose samples are at hand.
+    extra
+        The columns.
+    quiet
+        Residual of the rows, N·m (N), up to which noise is all that is left.
+    """
+    solved = Solved.of(fit.base, fit.data, (*fit.nuisances, extra), fit.effects)
+    first = fit.model.parameters + len(fit.nuisances)
+    columns = range(first, first + extra.width)
+    basis = solved.solution.basis
+    rest = {row: solved.triangles.rms(solved.solution.values, row) for row in quiet if row in solved.triangles.rows}
+    shown = all(column in basis and solved.solution.determined(column) for column in columns)
+    if not shown or any(rest[row] > quiet[row] for row in rest):
+        return None
+    where = [int(np.flatnonzero(basis == column)[0]) for column in columns]
+    values: Array = solved.solution.values[columns]
+    covariance = covariance_of(solved)[np.ix_(where, where)]
+    square = float(values @ np.linalg.pinv(covariance) @ values)
+    sure = float(np.sqrt(max(square, 0.0)))
+    shift = np.abs(solved.transform @ solved.solution.values - fit.transform @ fit.solution.values)
+    return Size(values, sure, shift > MOVED * fit.deviations(fit.covariance))
+
+
 def absorbed_gains(
     fit: DefaultFit, quiet: Mapping[EstimationRow, float], lacking: Container[EstimationRow] = ()
 ) -> AbsorbedGains:
@@ -62,19 +102,12 @@ def absorbed_gains(
     if len(extras) < 2:  # a factor common to all scales every parameter
         return none
     least = SURE * (NOISY if fit.model.robot.elastic.any() else 1.0)
-    before, values = fit.deviations(fit.covariance), fit.transform @ fit.solution.values
     found: dict[int, tuple[float, float, NDArray[np.bool_]]] = {}
     for joint, extra in extras.items():
-        solved = Solved.of(fit.base, fit.data, (*fit.nuisances, extra), fit.effects)
-        column = fit.model.parameters + len(fit.nuisances)
-        where = np.flatnonzero(solved.solution.basis == column)
-        judged = [r for r in quiet if r in solved.triangles.rows and (r.joint == joint or r not in lacking)]
-        rest = {row: solved.triangles.rms(solved.solution.values, row) for row in judged}
-        if not len(where) or not solved.solution.determined(column) or any(rest[row] > quiet[row] for row in rest):
-            continue
-        gain, error = float(solved.solution.values[column]), float(np.sqrt(covariance_of(solved)[where[0], where[0]]))
-        shift = np.abs(solved.transform @ solved.solution.values - values)
-        found[joint] = gain, abs(gain) / max(error, 1e-300), shift > MOVED * before
+        judged = [row for row in quiet if row.joint == joint or row not in lacking]
+        asked = size_beside(fit, extra, {row: quiet[row] for row in judged})
+        if asked is not None:
+            found[joint] = float(asked.values[0]), asked.sure, asked.moved
     sure = {k: item for k, item in found.items() if item[1] > least and abs(item[0]) > LEAST}
     most = max((item[1] for item in sure.values()), default=0.0)
     told = sorted((k for k, item in sure.items() if item[1] >= AS_WELL * most), key=lambda k: -sure[k][1])

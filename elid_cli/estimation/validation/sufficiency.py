@@ -22,6 +22,7 @@ from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.absorbed_gains import absorbed_gains
+from elid_cli.estimation.validation.absorbed_zeros import absorbed_zeros
 from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import (
@@ -32,6 +33,7 @@ from elid_cli.estimation.validation.following import (
     OTHERS,
     PACE,
     TIME,
+    ZERO,
     apart,
     followed,
     memory,
@@ -191,14 +193,15 @@ def judge_model(fit: DefaultFit) -> Judgement:
     seen = _judged_rows(part.signals, observation, left, floor, own, fitted=True)
     biased = movable(part, seen.missing, seen.curves) if seen.missing else np.zeros(fit.base.count, dtype=bool)
     still = {row: ABOVE * rms for row, rms in floor.rms.items() if row in left}
-    gains = absorbed_gains(part, still, {item.row for item in seen.missing})
-    biased |= gains.moved | moved_by_other_positions(part)
+    lacking = {item.row for item in seen.missing}
+    gains, zeros = (asked(part, still, lacking) for asked in (absorbed_gains, absorbed_zeros))
+    biased |= gains.moved | zeros.moved | moved_by_other_positions(part)
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
     names = observation.robot.joint_names
-    off = {names[k] for k in gains.joints if quiet}  # what else is missing may look like a gain
-    factors = [Insufficient(n.joint, n.rows, n.ratio, FACTOR, 0.0) for n in seen.noise if n.joint in off
-               and n.rows == "sum"]  # fmt: skip
-    return Judgement(tuple(seen.noise), (*seen.insufficient, *factors), biased, columns_of(noise))
+    off = {FACTOR: gains.joints, ZERO: zeros.joints[:1]} if quiet else {}  # what else is missing may look like these
+    absorbed = [Insufficient(n.joint, n.rows, n.ratio, word, 0.0) for word, joints in off.items() for n in seen.noise
+                if n.rows == "sum" and n.joint in [names[k] for k in joints]]  # fmt: skip
+    return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise))
 
 
 def judge_prediction(found: Validation) -> Judgement:

@@ -11,13 +11,18 @@ from collections.abc import Mapping, Sequence
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
-from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE
+from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE, ZERO
 from elid_cli.estimation.validation.sufficiency import ABOVE, QUIET, UNCLEAR
 from elid_cli.logs.adapt import YIELDING
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
 from elid_cli.report.tree import number_text
 
+ABSORBED = {
+    FACTOR: "the torque of {} looks off by a factor, which other values take up",
+    ZERO: "the zero of the positions of {} looks off, or the base tilted, which other values take up",
+}
+"""What leaves next to nothing, as other values take it up; in place of ``{}`` the joint."""
 LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 
@@ -188,10 +193,10 @@ def loud_joints(noise: Sequence[RowNoise]) -> list[str]:
 
 def rows_words(rows: Sequence[Insufficient]) -> str:
     """Return rows with their residual over noise, the worst of each joint."""
-    scaled = [item.joint for item in rows if item.follows == FACTOR]
+    absorbed = {word: [item.joint for item in rows if item.follows == word] for word in ABSORBED}
     worst: dict[str, Insufficient] = {}
     for item in sorted(rows, key=lambda item: item.ratio):
-        if item.follows != FACTOR:
+        if item.follows not in ABSORBED:
             worst[item.joint] = item
     ranked = sorted(worst.items(), key=lambda pair: -pair[1].ratio)
     said = [
@@ -199,7 +204,7 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
         for joint, item in ranked[:NAMED]
     ]
     said += [f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else []
-    said += [f"the torque of {' or '.join(scaled)} looks off by a factor, which other values take up"] if scaled else []
+    said += [ABSORBED[word].format(" or ".join(joints)) for word, joints in absorbed.items() if joints]
     return "; ".join(said)
 
 

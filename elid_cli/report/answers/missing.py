@@ -10,13 +10,12 @@ from elid_cli.diagnosis import Diagnosis, FoundEffect, Rival, Unexplained
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import HIGH, RowState, suspects
 from elid_cli.diagnosis.unexplained import HELD_OUT
-from elid_cli.estimation.validation.following import FACTOR
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.elasticity_words import own_elasticity, taken_as_rigid
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.answers.lacking import follows_words, moment_words
+from elid_cli.report.answers.lacking import ABSORBED, follows_words, moment_words
 from elid_cli.report.answers.summary import called, listed
 from elid_cli.report.tree import Cell, number_text, upper
 
@@ -206,8 +205,10 @@ def _absorbed_words(told: DiagnosisInput, named: Sequence[Contribution]) -> str:
 
 def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:
     """Return how much is left at a joint that nothing explains, and what it goes with."""
-    if all(u.variable == FACTOR for u in found.unexplained if u.joint == joint):
-        return f" The torque of {joint} looks off by a factor, which other values take up: too little is left to tell."
+    left = {u.variable for u in found.unexplained if u.joint == joint}
+    if left <= ABSORBED.keys():
+        said = " and ".join(ABSORBED[word].format(joint) for word in sorted(left))
+        return f" {upper(said)}: too little is left to tell."
     worst = max((u for u in found.unexplained if u.joint == joint), key=lambda u: held_out_size(found, u)[1])
     names = [words if (words := variable_words(name)) == "time" else f"the {words}"
              for name, _ in left_follows(found, worst)]  # fmt: skip
