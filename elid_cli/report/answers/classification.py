@@ -100,7 +100,7 @@ def count_items(base: BaseParameters) -> inputs.Items:
             f"{counts['parameters']} standard, {counts['base']} base; {counts['independent']} independent, "
             f"{counts['combined']} combined, {counts['unidentifiable']} unidentifiable",
         ),
-        ("rank margin", f"{number_text(base.margin, 2)} between the last kept and the first dropped"),
+        ("rank margin", f"{number_text(base.margin, 1)} between the last kept and the first dropped"),
     )
 
 

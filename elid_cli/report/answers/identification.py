@@ -108,7 +108,7 @@ def result_items(found: Identification) -> inputs.Items:
     else:
         fitted = (
             ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
-            ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
+            ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 1)}"),
             *inputs.nuisance_items(found.robot, found.nuisances),
         )
     return (
