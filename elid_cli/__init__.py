@@ -28,11 +28,12 @@ if TYPE_CHECKING:
     from elid_cli.estimation.trend.trends import Trends, trend
     from elid_cli.estimation.validation.prediction import Validation, validate
     from elid_cli.experiment.excitation import Excitation, ExciteOptions, excite
-    from elid_cli.experiment.reference import write_trajectory
+    from elid_cli.experiment.reference import ReferenceOptions, write_trajectory
     from elid_cli.experiment.replay.replay import Replay, ReplayOptions, replay
     from elid_cli.experiment.resolve.plan import Resolution, ResolveOptions, resolve
     from elid_cli.experiment.resolve.question import Question, question_of, read_question
     from elid_cli.experiment.robot_file import write_robot
+    from elid_cli.experiment.simulation.control import ControlOptions
     from elid_cli.experiment.simulation.run import SimulationOptions, simulate
     from elid_cli.experiment.simulation.sensors import SensorOptions
     from elid_cli.logs.arrays import recording_of
@@ -71,11 +72,12 @@ _PLACES = {
     "estimation.trend.trends": "Trends trend",
     "estimation.validation.prediction": "Validation validate",
     "experiment.excitation": "Excitation ExciteOptions excite",
-    "experiment.reference": "write_trajectory",
+    "experiment.reference": "ReferenceOptions write_trajectory",
     "experiment.replay.replay": "Replay ReplayOptions replay",
     "experiment.resolve.plan": "Resolution ResolveOptions resolve",
     "experiment.resolve.question": "Question question_of read_question",
     "experiment.robot_file": "write_robot",
+    "experiment.simulation.control": "ControlOptions",
     "experiment.simulation.run": "SimulationOptions simulate",
     "experiment.simulation.sensors": "SensorOptions",
     "logs.arrays": "recording_of",
@@ -100,6 +102,7 @@ __all__ = [
     "BaseParameters",
     "Comparison",
     "Comparisons",
+    "ControlOptions",
     "DataError",
     "DiagnoseOptions",
     "Diagnosis",
@@ -121,6 +124,7 @@ __all__ = [
     "PhysicalParameters",
     "Question",
     "Recording",
+    "ReferenceOptions",
     "Regressor",
     "Replay",
     "ReplayOptions",
@@ -182,5 +186,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the public names, imported or not."""
-    return sorted({*globals(), *__all__})
+    """Return the public names, imported or not, and Python's own: no folders, which look like functions."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__") and name.endswith("__"))})

@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 import pytest
 
+import elid_cli
 from elid_cli import __version__
 from elid_cli.cli.group import elid, summaries
 from elid_cli.logs.mapping.language import parse_mapping
@@ -109,6 +110,17 @@ def test_python_code_runs(name: str) -> None:
             for parameter, truth in (("Ja", 0.02), ("fs", 0.1), ("fv", 0.05)):
                 assert abs(float(told[parameter][2]) - truth) < 0.01 * truth
                 assert told[parameter][4] == "supported"
+
+
+def test_every_public_name_is_on_the_page_for_python() -> None:
+    page = TEXTS["docs/how-to/python.md"]
+    assert [name for name in elid_cli.__all__ if not re.search(rf"`{name}\b", page)] == []
+
+
+def test_every_command_is_in_the_table_for_python_or_said_to_have_no_function() -> None:
+    page = TEXTS["docs/how-to/python.md"]
+    told = page.split(" is a function")[0] + page.split("| command | functions |")[1].split("\n\n")[0]
+    assert [verb for verb in summaries() if not re.search(rf"`{verb}\b", told)] == []
 
 
 def commands_of(text: str) -> list[list[str]]:
