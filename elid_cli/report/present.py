@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from elid_cli.logs.inspect import LogInfo
     from elid_cli.model.base_parameters import BaseParameters
     from elid_cli.signals.recording import Recording
+    from elid_cli.signals.signals import Signals
 
 SIGMAS = 3.0
 """Standard deviations by which a compared parameter has moved, as ``elid compare`` has it by default."""
@@ -169,7 +170,7 @@ def _comparisons(found: Sequence[Comparison]) -> View:
         lambda values: [
             {**({"result": one["after"]} if len(found) > 1 else {}), **change}
             for one in values["comparisons"]
-            for change in one["changes"]
+            for change in (*one["changes"], *one["beside"])
         ],
     )
 
@@ -271,6 +272,16 @@ def _samples(found: Recording) -> Mapping[str, Any]:
     return {"t": found.t, **columns}
 
 
+def _signals(found: Signals) -> View:
+    from elid_cli.report.answers import signals as answer
+
+    return View(
+        lambda: answer.signals_sections(found),
+        lambda: answer.signals_payload(found),
+        lambda _: answer.signals_columns(found),
+    )
+
+
 _VIEWS: dict[str, Callable[[Any], View]] = {
     "BaseParameters": _base,
     "Comparison": _comparison,
@@ -285,6 +296,7 @@ _VIEWS: dict[str, Callable[[Any], View]] = {
     "PhysicalParameters": _physical,
     "Recording": _recording,
     "Replay": _replay,
+    "Signals": _signals,
     "Trends": _trends,
     "Validation": _validation,
 }

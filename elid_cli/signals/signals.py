@@ -24,7 +24,7 @@ from elid_cli.signals.options import RATE_PER_CUTOFF
 from elid_cli.signals.options import SignalOptions as SignalOptions
 from elid_cli.signals.recording import Recording, Segment, with_commands
 from elid_cli.signals.torque_sensors import sensors_of
-from elid_cli.tables import Brief
+from elid_cli.tables import Shown
 
 DEFAULT_CUTOFF = 10.0
 """Cut-off of the parallel filter, Hz, unless the data or the user choose another."""
@@ -51,7 +51,7 @@ class Noise:
 
 
 @dataclass(frozen=True, repr=False)
-class Signals(Brief):
+class Signals(Shown):
     """Smooth motion at the log's rate, raw torque, and the plan of filtering and decimation.
 
     All arrays are (N, n), joint side, SI.

@@ -177,7 +177,7 @@ def results(
         recording, identification, diagnosis, comparison, excitation, base, inspect_log(log),
         make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)), motion_diagnosis,
         replay(ROBOT, recording, ReplayOptions(horizon=0.2)), sample([identification], 50, seed=3),
-        trend([identification, *months[1:]]), resolution, compare([identification] * 3),
+        trend([identification, *months[1:]]), resolution, compare([identification] * 3), prepare(recording, ROBOT),
     ]  # fmt: skip
     return {type(result).__name__: result for result in found}
 
@@ -197,6 +197,7 @@ WORDS = {
     "Recording": ["at 500 Hz, 2 joints", "log.h5"],
     "Replay": ["simulated minus measured position", "joint2"],
     "Resolution": ["encoder_skew", "link_viscous"],
+    "Signals": ["at 500 Hz, 2 joints", "zero-phase low-pass 10 Hz", "noise of each channel", "joint2"],
     "Trends": ["planar2 · 3 recordings", "slope: per", "fv1"],
     "Validation": ["torque rms", "joint1", "N·m"],
 }
@@ -233,7 +234,12 @@ def test_results_print_as_tables(results: dict[str, Shown], kind: str, monkeypat
     monkeypatch.setenv("COLUMNS", "80")
     said = str(results[kind])
     assert [word for word in WORDS[kind] if word not in said] == []
-    assert max(map(len, said.splitlines())) <= 80 or kind in ("LogInfo", "Comparison", "Recording")  # paths are whole
+    assert max(map(len, said.splitlines())) <= 80 or kind in (
+        "LogInfo",
+        "Comparison",
+        "Recording",
+        "Signals",
+    )  # paths are whole
     assert "Next: " not in said
     assert "--all" not in said
     page = Checker()
@@ -243,12 +249,9 @@ def test_results_print_as_tables(results: dict[str, Shown], kind: str, monkeypat
     assert [word for word in WORDS[kind] if " ".join(word.split()).lower() not in spoken] == []
 
 
-@pytest.mark.parametrize("kind", [*WORDS, "Signals"])
-def test_a_repr_is_short_and_says_how_large_things_are(
-    results: dict[str, Shown], recording: Recording, kind: str
-) -> None:
-    value = prepare(recording, ROBOT) if kind == "Signals" else results[kind]
-    said = repr(value)
+@pytest.mark.parametrize("kind", WORDS)
+def test_a_repr_is_short_and_says_how_large_things_are(results: dict[str, Shown], kind: str) -> None:
+    said = repr(results[kind])
     assert said.startswith(f"{kind}(")
     assert "array(" not in said
     assert "\n" not in said
@@ -310,8 +313,16 @@ def test_frames_hold_the_main_table(results: dict[str, Shown], identification: I
     frame = results["Diagnosis"].to_frame()
     assert frame["effect"].tolist() == ["link_viscous"]
     assert frame["value"][0] == pytest.approx(2.0, rel=0.05)
-    rows = {"Validation": 2, "Comparison": 14, "Excitation": 14, "BaseParameters": 14, "PhysicalParameters": 28}
+    prepared = results["Signals"].to_frame()
+    assert {"t", "ddq.joint1", "dtheta.joint2"} <= set(prepared)
+    np.testing.assert_array_equal(prepared["tau.joint2"], samples.tau[:, 1])
+    rows = {"Validation": 2, "Excitation": 14, "BaseParameters": 14, "PhysicalParameters": 28}
     assert {kind: len(results[kind].to_frame()) for kind in rows} == rows
+    compared = results["Comparison"]
+    assert isinstance(compared, Comparison)
+    frame = compared.to_frame()  # what was found beside the base parameters too; NaN where one result has no estimate
+    assert len(frame) == 14 + len(compared.beside) > 14
+    assert f"of {frame['deviations'].notna().sum()} parameters moved" in " ".join(str(compared).split())
 
 
 def test_without_pandas_a_frame_is_refused_with_what_to_install(
