@@ -60,7 +60,7 @@ def test_an_effect(copy: Copy) -> None:
 def test_the_dropped_effect_passes_the_contract_of_all_effects(copy: Copy) -> None:
     copy.drop("rising_spring.py", "model/effects/library")
     folder = str(ROOT / "tests/model/effects")
-    files = [f"{folder}/test_effect_{name}.py" for name in ("contract", "files", "simulated")]
+    files = [f"{folder}/test_effect_{name}.py" for name in ("contract", "files", "recipe", "simulated")]
     said = copy.python(
         "-m",
         "pytest",
