@@ -43,7 +43,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class Pick:
-    """A request for columns of one channel: by label or, for a look or where the channel has no labels, by index."""
+    """A request for columns of one channel: by label or, for a look or where the channel has no labels, by index.
+
+    `time` is what the mapping calls ``t``, or the format's canonical names do where the log has it.
+    """
 
     source: str
     field: str
@@ -61,7 +64,11 @@ class Stream:
     values: Array
     """Shape (N, columns); NaN where a message did not carry a column."""
     clocks: Mapping[str, NDArray[Any]]
-    """Stamps by clock (``t``, ``header stamp``, ``log time``…), each of shape (N,); empty: the log has no time."""
+    """Stamps by clock, each of shape (N,), in the file's own unit; empty: the log has no time.
+
+    ``t`` is a column's or a dataset's, ``header stamp`` and ``log time`` are a message's. Streams that were sampled
+    together hold one array.
+    """
 
 
 class RawLog(Protocol):
@@ -84,7 +91,14 @@ class RawLog(Protocol):
         """What the format decided by itself (separator, time column)."""
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
-        """Read the picked columns in one pass over the file."""
+        """Read the picked columns in one pass over the file: one stream for each pick, in their order.
+
+        Raises
+        ------
+        LogError
+            Whatever a damaged file does to its reader. Any other exception counts as a fault of elid's, and is reported
+            to the user as one.
+        """
 
 
 @dataclass(frozen=True)
@@ -99,5 +113,7 @@ class LogFormat:
     """Open a log; more than one part where it holds separate episodes."""
     write: Callable[[Recording, str], bytes] | None = None
     """Encode a recording canonically; same recording, same bytes. The second argument is the file's name."""
+    lacks: tuple[str, ...] = ()
+    """Signals of a recording that such a file has no place for: `write` leaves them out, and no other."""
     priority: int = 0
     """Formats are asked in ascending order; text, which would take anything, comes last."""

@@ -11,6 +11,7 @@ import numpy as np
 from elid_cli.budget import Budget
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
+from elid_cli.logs.mapping.language import COMMANDS
 from elid_cli.logs.mcap.bulk_decode import CdrDecoder, MessageTable
 from elid_cli.logs.mcap.container import MAGIC, Container, Messages, Readable, summary, walk
 from elid_cli.logs.mcap.fields import NameTable, covariances, values_topic, without_unmeasured
@@ -340,5 +341,6 @@ FORMAT = LogFormat(
     recognise=_recognise,
     open=lambda source: [McapLog(source.name, [source])],
     write=write_mcap,
+    lacks=("temperature", *COMMANDS),
     priority=10,
 )
