@@ -16,6 +16,7 @@ import elid_cli
 from elid_cli import __version__
 from elid_cli.cli.group import elid, summaries
 from elid_cli.logs.mapping.language import parse_mapping
+from elid_cli.logs.writing import formats
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.schema import robot_of_yaml
@@ -121,6 +122,16 @@ def test_every_command_is_in_the_table_for_python_or_said_to_have_no_function() 
     page = TEXTS["docs/how-to/python.md"]
     told = page.split(" is a function")[0] + page.split("| command | functions |")[1].split("\n\n")[0]
     assert [verb for verb in summaries() if not re.search(rf"`{verb}\b", told)] == []
+
+
+def test_every_log_format_is_in_the_table_with_its_suffixes_and_what_it_lacks() -> None:
+    told = TEXTS["docs/reference/formats.md"].split("| format | suffix | written by elid |\n")[1].split("\n\n")[0]
+    rows = {cells[1].strip(): cells for line in told.splitlines()[1:] if (cells := line.split("|"))}
+    named = {name: tuple(re.findall(r"`(\.[\w.]+)`", cells[2])) for name, cells in rows.items()}
+    assert named == {fmt.name: fmt.suffixes for fmt in formats() if fmt.suffixes}
+    assert {name for name, cells in rows.items() if "yes" in cells[3]} == {f.name for f in formats() if f.write}
+    lacks = {name: tuple(re.findall(r"`(\w+)`", cells[3])) for name, cells in rows.items()}
+    assert lacks == {fmt.name: fmt.lacks for fmt in formats() if fmt.suffixes}
 
 
 def commands_of(text: str) -> list[list[str]]:

@@ -7,6 +7,7 @@ import contextlib
 import re
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -160,7 +161,9 @@ class CsvLog:
                     return parse_blocks(stream, size, self._dialect, wanted, self._tell)
         text = self._text
         columns = [name for group in wanted for name in group]
-        table, said = parse_columns(text, sniff(text, self._name), columns, self._name)
+        fresh = sniff(text, self._name)  # of the text as it was decoded: its rows may begin elsewhere
+        dialect = replace(self._dialect, first=fresh.first, first_line=fresh.first_line)
+        table, said = parse_columns(text, dialect, columns, self._name)
         return parted(table, wanted), said
 
     @property

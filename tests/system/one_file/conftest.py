@@ -33,12 +33,17 @@ class Copy:
         }
         run = subprocess.run([sys.executable, *arguments], cwd=self.folder, env=environment, capture_output=True,
                              text=True, timeout=300)  # fmt: skip
-        assert run.returncode == 0, run.stderr
+        assert run.returncode == 0, run.stderr or run.stdout
         return run.stdout
 
     def elid(self, *arguments: str) -> str:
         """Run one command; return stdout."""
         return self.python("-m", "elid_cli", *arguments)
+
+    def tested(self, name: str, *files: str) -> str:
+        """Run those tests of some files, relative to the root, whose names hold `name`; return what pytest says."""
+        options = ("--import-mode=append", "-o", "pythonpath=", "-p", "no:cacheprovider", "-rA", "-k", name)
+        return self.python("-m", "pytest", *options, *(str(ROOT / file) for file in files))
 
 
 @pytest.fixture

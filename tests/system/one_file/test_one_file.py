@@ -23,6 +23,13 @@ def test_a_log_format(copy: Copy) -> None:
     assert found["base_parameters"] == usual["base_parameters"]
 
 
+def test_the_dropped_format_passes_what_every_format_does(copy: Copy) -> None:
+    copy.drop("samples.py", "logs/formats")
+    said = copy.tested("samples", "tests/logs/test_log_round_trip.py", "tests/system/hostile/test_headers.py")
+    assert "test_every_signal_is_read_back_that_the_format_does_not_say_it_lacks[log.samples]" in said
+    assert "test_a_broken_head_is_one_error_or_a_recording[samples]" in said
+
+
 def test_an_output_format(copy: Copy) -> None:
     copy.drop("tsv.py", "report/formats")
     copy.elid("identify", LOG, "--robot", "planar2", "--report", "found.tsv")
@@ -59,19 +66,6 @@ def test_an_effect(copy: Copy) -> None:
 
 def test_the_dropped_effect_passes_the_contract_of_all_effects(copy: Copy) -> None:
     copy.drop("rising_spring.py", "model/effects/library")
-    folder = str(ROOT / "tests/model/effects")
-    files = [f"{folder}/test_effect_{name}.py" for name in ("contract", "files", "recipe", "simulated")]
-    said = copy.python(
-        "-m",
-        "pytest",
-        "--import-mode=append",
-        "-o",
-        "pythonpath=",
-        "-p",
-        "no:cacheprovider",
-        "-rA",
-        "-k",
-        "rising_spring",
-        *files,
-    )
+    files = [f"tests/model/effects/test_effect_{name}.py" for name in ("contract", "files", "recipe", "simulated")]
+    said = copy.tested("rising_spring", *files)
     assert "test_a_robot_with_the_effect_is_written_read_and_judged[rising_spring]" in said
