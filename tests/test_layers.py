@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "elid_cli"
 
 # From the bottom up: every file below the package belongs to one of these, and imports only from itself or below.
 ROOMS = (
-    "_types", "errors", "budget", "files", "memory", "tables", "lapack", "compiling",
+    "_types", "errors", "checks", "budget", "files", "memory", "tables", "lapack", "compiling",
     "robot", "signals", "model", "logs", "estimation", "diagnosis", "experiment", "report", "cli",
 )  # fmt: skip
 DOORS = ("__init__", "__main__")

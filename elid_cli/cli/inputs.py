@@ -29,9 +29,9 @@ def load_robot(source: str, *, any_size: bool = False) -> Robot:
     from elid_cli.logs import read_map_options, robot_as_logged
     from elid_cli.logs.mapping.language import parse_mapping
     from elid_cli.model.effects.declared import check_effects
+    from elid_cli.robot.built import check_size
     from elid_cli.robot.files import read_robot
     from elid_cli.robot.locking import beside_chain
-    from elid_cli.robot.robot import check_size
 
     context = click.get_current_context()
     given, meta = context.params, context.meta

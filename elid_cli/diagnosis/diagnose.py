@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from elid_cli._types import Progress
+from elid_cli.checks import check_fields, flag, names, options_given, whole, word
 from elid_cli.diagnosis.by_motion.able import by_motion
 from elid_cli.diagnosis.evidence.driving_friction import impossible_with
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
@@ -60,6 +61,15 @@ HARM = 0.01
 """Part of the held-out error by which a limit of the torque may make it larger."""
 
 
+_RULES = {
+    "lookup": flag,
+    "only": names,
+    "accurate": flag,
+    "jobs": whole(1),
+    "by": word("auto", "torque", "motion"),
+}
+
+
 @dataclass(frozen=True)
 class DiagnoseOptions:
     """How to diagnose."""
@@ -79,7 +89,7 @@ class DiagnoseOptions:
 
     def __post_init__(self) -> None:
         """Refuse words that say nothing, and names of no effect (UsageError)."""
-        check_word("DiagnoseOptions: by", self.by, ("auto", "torque", "motion"))
+        check_fields(self, _RULES)
         for name in self.only:
             check_word("DiagnoseOptions: only", name, tuple(effect_classes()))
 
@@ -153,7 +163,7 @@ def diagnose(
         An effect that can act at no joint, or a motion that cannot judge this log.
     """
     check_joints(signals.joints, robot)
-    options, signals = options or DiagnoseOptions(), as_told(robot, signals)
+    options, signals = options_given("diagnose", options, DiagnoseOptions), as_told(robot, signals)
     able = options.by != "torque" and signals.recording is not None and by_motion(robot, signals.recording)
     if options.by == "motion" and not able:
         raise UsageError("the motion cannot judge this log", detail="it must hold commands, of a robot of known bodies")
@@ -192,7 +202,7 @@ def diagnose_torque(
     looked for there as well (`looked_closer`). Where something happened on held-out stretches alone, they are looked
     for once more with others held out.
     """
-    chosen = options or DiagnoseOptions()
+    chosen = options_given("diagnose", options, DiagnoseOptions)
     told = _by_torque(robot, signals, chosen, progress, usual)
     if not told.partial and any(item.variable == HELD_OUT for item in told.unexplained):
         seen = _by_torque(robot, signals, chosen, progress, usual, others=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from elid_cli.checks import check_list
 from elid_cli.errors import UsageError, first_of, in_words
 from elid_cli.estimation.same_joints import comparable, unlike
 from elid_cli.estimation.saved_results import number_of, saved_object, told_by
@@ -133,14 +134,15 @@ def read_result(path: str | Path) -> SavedResult:
     return result_of(saved_object(path), str(path))
 
 
-def as_saved(results: Sequence[Result]) -> list[SavedResult]:
+def as_saved(results: Sequence[Result], where: str = "results") -> list[SavedResult]:
     """Return results in the form in which they are compared; those that no file holds are called by their number.
 
     Raises
     ------
     UsageError
-        See `read_result`.
+        See `read_result`; or what is no result, `where` says whose.
     """
+    check_list(where, results, "results")
     return [
         result if isinstance(result, SavedResult) else result_of(*told_by(result, k))
         for k, result in enumerate(results, start=1)
@@ -246,6 +248,7 @@ def compare(results: Sequence[Result]) -> Comparisons:
         Fewer than two results, or two without a base parameter that both estimate, or of robots without a common
         joint.
     """
+    check_list("compare: results", results, "results")
     if len(results) < 2:
         raise UsageError("compare: one result given, at least two are needed", hint="elid compare A.json B.json")
     first, *others = as_saved(results)

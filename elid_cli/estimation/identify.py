@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, check_kind
 from elid_cli.estimation.assembly import assemble, judged, with_pull_of_noise, with_scatter, with_unseen
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.drive_law import law_warnings
@@ -26,7 +26,7 @@ from elid_cli.estimation.motor_side.door import asked_motor_side, asks, fitted_b
 from elid_cli.estimation.reading import read_signals
 from elid_cli.estimation.regression.held_effects import beside_held
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
-from elid_cli.estimation.request import LogRequest
+from elid_cli.estimation.request import LogRequest, estimate_options
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import beyond_range, physics_warnings, rotor_warnings
 from elid_cli.estimation.smooth_commands import as_told, noted
@@ -109,9 +109,11 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     ------
     DataError
         If the log excites no parameter at all.
+    UsageError, LogError
+        An argument of another kind, or signals of other joints.
     """
     check_signals(signals, robot)
-    options = options or EstimateOptions()
+    options = estimate_options("identify", options, robot)
     if options.estimator == "paper":
         from elid_cli.estimation.classical import identify_paper
 
@@ -205,11 +207,12 @@ def identify_logs(
     LogError
         A log that cannot be used.
     UsageError
-        A triangle file where the samples are needed, or logs that do not belong together.
+        A triangle file where the samples are needed, logs that do not belong together, or an argument of another kind.
     DataError
         If the logs excite no parameter at all.
     """
-    options = options or EstimateOptions()
+    check_kind("request", request, LogRequest, "LogRequest([LOG], robot)")
+    options = estimate_options("identify_logs", options, request.robot)
     if any(joint.transmission == "auto" for joint in request.robot.joints):
         from elid_cli.logs import robot_as_logged
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import in_words
+from elid_cli.errors import check_kind, in_words
 from elid_cli.estimation.regression.rotor_shares import with_rotors
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
@@ -54,7 +54,14 @@ def representative(base: BaseParameters, estimate: Array, reference: Array, kept
 
 
 def identified_robot(found: Identification) -> Robot:
-    """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
+    """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement.
+
+    Raises
+    ------
+    UsageError
+        `found` is no identification.
+    """
+    check_kind("found", found, Identification, "identify(robot, signals) returns one")
     near = found.standard if found.estimator == "trajectory" else found.robot.reference()
     near, told = with_rotors(found.robot, near, {joint: inertia for joint, (inertia, _) in found.rotors.items()})
     standard = representative(found.base, possible_values(found), near, told)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError, check_word
+from elid_cli.checks import check_fields, flag, number, optional, several, whole, word
+from elid_cli.errors import UsageError
 from elid_cli.estimation.judgement import Insufficient, JointError, ModelWord, RowNoise
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
@@ -26,6 +27,24 @@ if TYPE_CHECKING:
     from elid_cli.estimation.regression.held_effects import HeldErrors
 
 Verdict = Literal["supported", "weak", "refused"]
+
+
+MOST_FOLDS = 1000
+"""Stretches of a log that are predicted one by one; there are never more than samples, and each takes a fit."""
+
+_RULES = {
+    "estimator": word("default", "paper"),
+    "accurate": flag,
+    "fit": word("auto", "torque", "trajectory"),
+    "folds": whole(2, MOST_FOLDS),
+    "delays": flag,
+    "declared_late": several(whole(0), "joints' numbers, from 0"),
+    "offsets": flag,
+    "mask": optional(flag),
+    "hold": number(least=0),
+    "valleys": flag,
+    "guards": flag,
+}
 
 
 @dataclass(frozen=True)
@@ -65,8 +84,8 @@ class EstimateOptions:
         return self.fit == "auto" and self.offsets and not self.hold
 
     def __post_init__(self) -> None:
-        check_word("EstimateOptions: estimator", self.estimator, ("default", "paper"))
-        check_word("EstimateOptions: fit", self.fit, ("auto", "torque", "trajectory"))
+        """Refuse values that no estimate can have, and wishes that exclude each other (UsageError)."""
+        check_fields(self, _RULES)
         other = "--accurate" if self.accurate else "--estimator paper" if self.estimator == "paper" else ""
         if self.fit == "trajectory" and other:
             raise UsageError(f"--fit trajectory and {other} exclude each other", hint="leave one of them out")

@@ -9,6 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from elid_cli.checks import path as file_name
 from elid_cli.errors import UsageError
 from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
@@ -45,6 +46,7 @@ def saved_object(path: str | Path, again: str = AGAIN) -> Mapping[str, Any]:
     UsageError
         No such file, not JSON, not of elid, or with a number that cannot be used.
     """
+    file_name("result", path)
     text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
     try:
         data = json.loads(text)
@@ -64,8 +66,13 @@ def told_by(result: Shown | str | Path, number: int) -> tuple[Mapping[str, Any],
     Raises
     ------
     UsageError
-        See `saved_object`.
+        See `saved_object`; or it is neither.
     """
+    if not isinstance(result, Shown | str | Path):
+        raise UsageError(
+            f"result {number}: a value of type {type(result).__name__} in place of a result",
+            hint="give what identify or diagnose returned, or the file that --json saved",
+        )
     return (result.to_dict(), f"result {number}") if isinstance(result, Shown) else (saved_object(result), str(result))
 
 

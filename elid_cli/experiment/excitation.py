@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.checks import check_fields, names, number, optional, options_given, real, several, whole
 from elid_cli.errors import DataError, UsageError, did_you_mean
 from elid_cli.experiment.bounds import ROOM, Bounds, bounds_of, within
 from elid_cli.experiment.forecast import RATE as FORECAST_RATE
@@ -26,6 +27,7 @@ from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency, prior
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.tables import Shown
 
 INSTANTS = 15.0
@@ -41,6 +43,18 @@ PENALTIES = (20.0, 400.0)
 """Weights of broken limits in the two rounds of optimisation, per instant and squared relative excess."""
 ENDS = 4
 """Control points at each end that are equal, so that it starts and ends at rest and without a jerk."""
+
+
+_RULES = {
+    "duration": number(above=0),
+    "interval": optional(number(above=0)),
+    "aims": names,
+    "residual": number(above=0),
+    "measured": optional(several(several(real, "residuals"), "pairs, one per joint")),
+    "starts": whole(1),
+    "rounds": whole(0),
+    "seed": whole(0),
+}
 
 
 @dataclass(frozen=True)
@@ -65,12 +79,7 @@ class ExciteOptions:
 
     def __post_init__(self) -> None:
         """Refuse a motion that takes no time, or that nothing is tried for (UsageError)."""
-        for name in ("duration", "interval", "residual"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise UsageError(f"ExciteOptions: {name} {value:g} is not above 0")
-        if self.starts < 1 or self.rounds < 0:
-            raise UsageError("ExciteOptions: starts is at least 1, rounds at least 0")
+        check_fields(self, _RULES)
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,7 +148,8 @@ def excite(
         An aim that no motion can show.
 
     """
-    options = options or ExciteOptions()
+    check_robot(robot)
+    options = options_given("excite", options, ExciteOptions)
     model = Regressor(robot)
     base = find_base(model)
     aims = _aims(base, options.aims)

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError
+from elid_cli.checks import check_fields, number, optional
+from elid_cli.errors import UsageError, check_kind
 from elid_cli.files import replacing
 from elid_cli.robot.ranges import range_of
 from elid_cli.robot.robot import Joint, Robot
@@ -32,6 +33,9 @@ class Reference(Protocol):
         ...
 
 
+_RULES = {"amplitude": number(above=0), "speed": number(above=0), "interval": optional(number(above=0))}
+
+
 @dataclass(frozen=True)
 class ReferenceOptions:
     """How a random reference is drawn.
@@ -45,6 +49,17 @@ class ReferenceOptions:
     amplitude: float = 0.7
     speed: float = 1.0
     interval: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what no motion has (UsageError)."""
+        check_fields(self, _RULES)
+
+
+def is_reference(where: str, value: object) -> None:
+    """Refuse what neither is a reference nor says how to draw one (UsageError)."""
+    if not callable(getattr(value, "evaluate", None)):
+        hint = "ReferenceOptions(...) of elid_cli.experiment.reference, or what its read_reference makes of a file"
+        check_kind(where, value, ReferenceOptions, hint)
 
 
 @dataclass(frozen=True)

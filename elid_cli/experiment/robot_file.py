@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from elid_cli.checks import names
+from elid_cli.checks import path as file_name
 from elid_cli.errors import UsageError
 from elid_cli.files import check_target, write_text
 from elid_cli.robot.files import write_robot as write_yaml
@@ -46,6 +48,8 @@ def write_robot(robot: Robot, path: str | Path, remarks: Sequence[str] = ()) -> 
     from elid_cli.signals.fitting_robot import check_robot
 
     check_robot(robot)
+    file_name("write_robot: path", path)
+    names("write_robot: remarks", remarks)
     check_target(path, WRITTEN, "a robot file")
     name = str(path)
     beyond = beyond_format(robot, name)

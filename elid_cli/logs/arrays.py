@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from elid_cli.errors import LogError, did_you_mean, in_words, nearest
+from elid_cli.checks import names, number, optional
+from elid_cli.errors import LogError, UsageError, did_you_mean, in_words, nearest
 from elid_cli.logs.mapping.language import GAINS, SIGNALS
 from elid_cli.logs.mapping.left_out import left_out_of
 from elid_cli.logs.reading import Options, read_sources
@@ -40,7 +41,8 @@ def recording_of(
     signals
         ``t`` (N,), s, and signals by their names (docs/reference/formats.md: ``q theta tau dq …``), each (N, n), SI:
         positions and velocities of motors divided by the gear ratio, torques at the joint, NaN where a sample is
-        missing. Gains ``kp`` and ``kd`` may be one number, or one per joint.
+        missing or masked. Gains ``kp`` and ``kd`` may be one number, or one per joint. Columns of a DataFrame that are
+        named as the joints are, and no others, are taken by their names, else by their place.
     joints
         Names of the columns, n; None: those of the robot in its order. Others than the robot's are left out.
     rate
@@ -53,19 +55,20 @@ def recording_of(
     LogError
         A name that is no signal or no joint, shapes that do not fit together, or a log that cannot be used.
     UsageError
-        The mapping is wrong, or `robot` is no robot.
+        The mapping is wrong, or an argument is of another kind.
     """
     check_robot(robot)
-    names = tuple(robot.joint_names if joints is None else joints)
+    _check_arguments(signals, joints, rate)
+    columns = tuple(robot.joint_names if joints is None else joints)
     if mapping is None and not robot.log:  # these may call the robot's joints otherwise
-        _check_names(robot, names)
-    arrays = {name: _values(name, values, names) for name, values in signals.items()}
+        _check_names(robot, columns)
+    arrays = {name: _values(name, values, columns) for name, values in signals.items()}
     lengths = {name: len(values) for name, values in arrays.items() if name not in GAINS or values.ndim == 2}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise LogError(f"{NAME}: signals of different lengths", detail=f"samples: {said}")
     data = io.BytesIO()
-    np.savez(data, joint_names=np.array(names), **arrays)
+    np.savez(data, joint_names=np.array(columns), **arrays)
     source = Source(NAME, data=data.getvalue())
     try:
         return read_sources([source], Options(robot, mapping, strict, rate, spans=left_out_of(mapping, 1)))
@@ -73,6 +76,18 @@ def recording_of(
         if "--map" in error.hint:
             error.hint = f"give it among the signals; these are {', '.join(arrays) or 'none'}"
         raise
+
+
+def _check_arguments(signals: object, joints: object, rate: object) -> None:
+    """Refuse arrays without names, one name in place of several, and a rate that is none (UsageError)."""
+    if not callable(getattr(signals, "items", None)):  # a DataFrame has them as well
+        raise UsageError(
+            f"recording_of: signals: a value of type {type(signals).__name__} in place of a mapping",
+            hint='arrays by the names of their signals: {"t": t, "q": q, "tau": tau}',
+        )
+    optional(number(above=0))("recording_of: rate", rate)
+    if joints is not None:
+        names("recording_of: joints", list(joints) if isinstance(joints, np.ndarray) else joints)
 
 
 def _check_names(robot: Robot, names: Sequence[str]) -> None:
@@ -92,12 +107,29 @@ def _check_names(robot: Robot, names: Sequence[str]) -> None:
         )
 
 
+def _numbers(values: Any, joints: Sequence[str]) -> Any:
+    """Return what holds numbers as an array of them, NaN where one is masked or missing (TypeError, ValueError).
+
+    Columns that are named as the joints are, and no others, come in the joints' order.
+    """
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.where(np.ma.getmaskarray(values), np.nan, values.data)
+    columns = getattr(values, "columns", None)
+    if columns is not None and len(columns) == len(joints) and set(columns) == set(joints):
+        values = values[list(joints)]
+    if callable(getattr(values, "to_numpy", None)) and not np.iscomplexobj(values):  # pandas, nullable columns too
+        values = values.to_numpy(dtype=float, na_value=np.nan)
+    if np.iscomplexobj(values):
+        raise TypeError("they are complex")
+    return np.asarray(values, dtype=float)
+
+
 def _values(name: str, values: ArrayLike, joints: Sequence[str]) -> Any:
     """Return a signal's numbers in the shape that a log has them (LogError)."""
     if name != "t" and name not in SIGNALS:
         raise LogError(f"{NAME}: no signal is called {name!r}", hint=did_you_mean(name, ("t", *SIGNALS)))
     try:
-        found = np.asarray(values, dtype=float)
+        found = _numbers(values, joints)
     except (TypeError, ValueError) as error:
         raise LogError(f"{NAME}: {name} does not hold numbers", detail=str(error)) from error
     if name == "t" or (name in GAINS and found.ndim < 2):

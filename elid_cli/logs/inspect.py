@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from elid_cli.checks import path as file_name
 from elid_cli.errors import LogError
 from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.checks.units_and_signs import unit_lines
@@ -29,6 +30,7 @@ from elid_cli.logs.repair.timeline import build
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.robot.robot import Joint, Robot
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.signals.recording import INERTIAL
 from elid_cli.tables import Shown
 
@@ -100,7 +102,12 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     ------
     LogError
         If the file cannot be read at all.
+    UsageError
+        An argument of another kind.
     """
+    file_name("inspect_log: path", path)
+    if robot is not None:
+        check_robot(robot)
     source = open_source(path)
     fmt: LogFormat = recognise(source)
     opened = fmt.open(source)

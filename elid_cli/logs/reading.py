@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.checks import check_list, number, optional
 from elid_cli.errors import LogError, check_word
 from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, told_torques, written_units
@@ -109,6 +110,8 @@ def read_recording(
     check_word("read_recording: time_source", time_source, ("auto", "header", "log"))
     if isinstance(paths, str | Path):
         paths = [paths]
+    check_list("read_recording: paths", paths, "logs")
+    optional(number(above=0))("read_recording: rate", rate)
     sources = (
         open_source(path, None if progress is None else _part_of(progress, index, len(paths)))
         for index, path in enumerate(paths)

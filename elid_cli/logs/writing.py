@@ -8,11 +8,13 @@ import pkgutil
 from functools import cache
 from pathlib import Path
 
+from elid_cli.checks import path as file_name
 from elid_cli.errors import LogError, UsageError
 from elid_cli.files import replacing
 from elid_cli.logs import formats as library
 from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.source import Source
+from elid_cli.signals.fitting_robot import check_shapes
 from elid_cli.signals.recording import Recording
 
 
@@ -77,8 +79,12 @@ def write_recording(recording: Recording, path: str | Path) -> str:
     Raises
     ------
     UsageError
-        If the suffix belongs to no format, or the folder cannot be written.
+        If the suffix belongs to no format, or the folder cannot be written; or an argument of another kind.
+    LogError
+        If the arrays of the recording do not fit together.
     """
+    file_name("write_recording: path", path)
+    check_shapes(recording)
     fmt = writer_for(path)
     assert fmt.write is not None
     data = fmt.write(recording, Path(path).name)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import RobotError
+from elid_cli.errors import RobotError, check_kind
 from elid_cli.memory import Recent
 from elid_cli.model.regressor import BASE_TERMS, Regressor
 from elid_cli.robot.parameter import StandardParameter
@@ -207,7 +207,10 @@ def find_base(model: Regressor, seed: int = 0) -> BaseParameters:
     ------
     RobotError
         If nothing of the robot can be identified (no column differs from zero).
+    UsageError
+        `model` is no regressor.
     """
+    check_kind("model", model, Regressor, "Regressor(robot) makes one")
     if model.terms != BASE_TERMS:
         return _found(model, seed)
     return _BASES.of((model.robot.structure, seed), lambda: _found(model, seed))

@@ -32,8 +32,10 @@ from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
 from elid_cli.model.tracing import Graph, Node, Scalar
+from elid_cli.robot.built import check_size
 from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import Robot, check_size
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.trigonometry import sine_and_cosine
 
@@ -95,10 +97,13 @@ class Regressor:
     ------
     RobotError
         More than `MOST_JOINTS` joints.
+    UsageError
+        `robot` is no robot.
 
     """
 
     def __init__(self, robot: Robot, terms: Sequence[BaseTerm] = BASE_TERMS) -> None:
+        check_robot(robot)
         check_size(robot, robot.name)
         self.robot = robot
         self.terms = tuple(terms)

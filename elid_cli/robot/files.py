@@ -49,6 +49,11 @@ def read_robot(source: str | Path, *, beside: bool = True) -> Robot:
     RobotError
         No such robot or file, or a description that cannot be used: file, line, joint, key, nearest valid key.
     """
+    if not isinstance(source, str | Path):
+        raise RobotError(
+            f"read_robot: a value of type {type(source).__name__} in place of a robot's name or file",
+            hint=f"a path to a YAML, URDF or MJCF file, or one of {', '.join(shipped_robots())}",
+        )
     if not str(source):
         raise RobotError(
             "an empty name is no robot", hint="give a robot's name, or the path of a YAML, URDF or MJCF file"

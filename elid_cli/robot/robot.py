@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.robot.built import check_joint, check_whole
 from elid_cli.robot.frames import by_axis, by_dh, to_quarter
 from elid_cli.robot.parameter import JOINT_PARAMETERS, PARAMETER_GROUPS, StandardParameter
 
@@ -84,6 +85,9 @@ class Joint:
     """Unit axis in the joint's own frame (convention ``urdf`` only)."""
     parent: str = ""
     """The joint that carries this one: its name, `BASE`, or empty for the joint before."""
+
+    def __post_init__(self) -> None:
+        check_joint(self)
 
     @property
     def revolute(self) -> bool:
@@ -165,6 +169,9 @@ class Robot:
     """Joints with a rotor of its own in that file, an MJCF: the rotor's joint, and its turns per joint turn."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What a reader of its results must know of how it was read: sentences."""
+
+    def __post_init__(self) -> None:
+        check_whole(self)
 
     @property
     def n(self) -> int:
@@ -339,12 +346,3 @@ class Robot:
         sliding = {"Ja": "kg", "fs": "N", "fv": "N·s/m", "K": "N/m"}
         units = alike | (turning if self.joints[name.joint].revolute else sliding)
         return units.get(name.kind, "kg·m²")  # an inertia
-
-
-def check_size(robot: Robot, source: str) -> None:
-    """Refuse a robot, read from `source`, of more joints than are identified together (RobotError)."""
-    if robot.n > MOST_JOINTS:
-        raise RobotError(
-            f"{source}: {robot.n} joints; at most {MOST_JOINTS} are identified together",
-            hint="hold the others: --lock NAME=0, or keep one chain: --tip LINK",
-        )

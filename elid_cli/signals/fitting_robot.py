@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elid_cli.errors import LogError, check_kind
+from elid_cli.errors import LogError, UsageError, check_kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import MEASURED, Recording
 
@@ -16,10 +16,15 @@ UNEVEN = 0.01
 HINT = "recording_of makes a recording from arrays: in the robot's order, aligned and checked"
 
 
-def check_robot(robot: object) -> None:
+def check_robot(robot: object, where: str = "robot") -> None:
     """Refuse a file's name or anything else in place of a robot (UsageError)."""
     made = f"read_robot({str(robot)!r})" if isinstance(robot, str | Path) else "read_robot(file)"
-    check_kind("robot", robot, Robot, f"{made} reads one")
+    check_kind(where, robot, Robot, f"{made} reads one")
+
+
+def is_robot(where: str, value: object) -> None:
+    """Refuse anything in place of a robot, as a rule of an option (UsageError)."""
+    check_robot(value, where)
 
 
 def check_joints(joints: Sequence[str], robot: Robot, name: str = "signals") -> None:
@@ -36,18 +41,10 @@ def check_joints(joints: Sequence[str], robot: Robot, name: str = "signals") -> 
 def check_fits(recording: Recording, robot: Robot) -> None:
     """Refuse a recording of other joints, with arrays of other shapes or with times of another rate (LogError)."""
     check_robot(robot)
-    check_kind("recording", recording, Recording, "read_recording reads one, recording_of makes one of arrays")
+    check_recording(recording)
     name = ", ".join(recording.files) or "recording"
     check_joints(recording.joints, robot, name)
-    wanted = (recording.samples, robot.n)
-    for signal in (*MEASURED, *recording.commands, *recording.gyro, *recording.accel):
-        values = recording.signal(signal)
-        if values is not None and values.shape != wanted:
-            raise LogError(
-                f"{name}: {signal} has the shape {values.shape}",
-                detail=f"{recording.samples} times and {robot.n} joints want {wanted}",
-                hint=HINT,
-            )
+    check_shapes(recording)
     if not recording.segments:
         raise LogError(f"{name}: it has no segments", detail="nothing says which samples belong together", hint=HINT)
     longest = max(recording.segments, key=len)
@@ -57,4 +54,39 @@ def check_fits(recording: Recording, robot: Robot) -> None:
         raise LogError(
             f"{name}: its times are {step:.6g} s apart and dt says {recording.dt:.6g} s",
             hint=HINT,
+        )
+
+
+def check_recording(recording: object) -> None:
+    """Refuse what is no recording (UsageError)."""
+    check_kind("recording", recording, Recording, "read_recording reads one, recording_of makes one of arrays")
+
+
+def check_shapes(recording: Recording) -> None:
+    """Refuse what is no recording (UsageError), and one whose arrays are of different shapes (LogError)."""
+    check_recording(recording)
+    name = ", ".join(recording.files) or "recording"
+    wanted = (recording.samples, recording.n)
+    for signal in (*MEASURED, *recording.commands, *recording.gyro, *recording.accel):
+        values = recording.signal(signal)
+        if values is not None and values.shape != wanted:
+            raise LogError(
+                f"{name}: {signal} has the shape {values.shape}",
+                detail=f"{recording.samples} times and {recording.n} joints want {wanted}",
+                hint=HINT,
+            )
+
+
+def check_accelerations(accelerations: object, recording: Recording) -> None:
+    """Refuse what are not accelerations of links and of motors, an array (N, n) each (UsageError)."""
+    if accelerations is None:
+        return
+    wanted = (recording.samples, recording.n)
+    pair = accelerations if isinstance(accelerations, tuple | list | np.ndarray) else ()
+    if len(pair) != 2 or any(np.shape(values) != wanted for values in pair):
+        given = f"a value of type {type(accelerations).__name__}"
+        shapes = [str(np.shape(values)) for values in pair[:2]]
+        raise UsageError(
+            f"prepare: accelerations: {' and '.join(shapes) or given}",
+            hint=f"a pair of arrays, of links and of motors, of shape {wanted} each",
         )

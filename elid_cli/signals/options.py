@@ -5,12 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from elid_cli.errors import UsageError, check_number, check_word
+from elid_cli.checks import check_fields, flag, number, optional, whole, word
 
 RATE_PER_CUTOFF = 5.0
 """Samples kept per second for every Hz of cut-off."""
 DIAGNOSIS_CUTOFF = 25.0
 """Hz; higher than what parameters need, since ripple, vibration and reversals live above them."""
+
+
+_RULES = {
+    "cutoff": optional(number(above=0, endless=True)),
+    "rate": optional(number(above=0, endless=True)),
+    "min_velocity": optional(number(least=0)),
+    "slow_motion": flag,
+    "knots": optional(number(above=0)),
+    "measured_velocity": flag,
+    "smoothing": word("spline", "butterworth"),
+    "butterworth": number(above=0),
+    "order": whole(1),
+    "commands": optional(word("held", "smooth")),
+}
+"""Of the fields of `SignalOptions`; an infinite cut-off is no filter, an infinite rate no decimation."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +56,7 @@ class SignalOptions:
 
     def __post_init__(self) -> None:
         """Refuse words that say nothing, and values that no filter can have (UsageError)."""
-        check_word("SignalOptions: smoothing", self.smoothing, ("spline", "butterworth"))
-        check_word("SignalOptions: commands", self.commands, ("held", "smooth"))
-        for name in ("cutoff", "rate", "min_velocity", "knots", "butterworth", "order"):
-            check_number(f"SignalOptions: {name}", getattr(self, name))
-        for name in ("cutoff", "rate", "knots", "butterworth", "order"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise UsageError(f"SignalOptions: {name} {value:g} is not above 0")
-        if self.min_velocity is not None and not self.min_velocity >= 0:
-            raise UsageError(f"SignalOptions: min_velocity {self.min_velocity:g} is negative")
+        check_fields(self, _RULES)
 
     def of_log(self, rate: float) -> SignalOptions:
         """Return the options for a log of `rate` samples per second: a rate that told just that is no other wish."""
@@ -58,5 +64,12 @@ class SignalOptions:
 
     @classmethod
     def for_diagnosis(cls, rate: float) -> SignalOptions:
-        """Return what a diagnosis needs of a log of `rate` samples per second: sharp, with its slow motion kept."""
+        """Return what a diagnosis needs of a log of `rate` samples per second: sharp, with its slow motion kept.
+
+        Raises
+        ------
+        UsageError
+            `rate` is no positive number.
+        """
+        number(above=0)("SignalOptions.for_diagnosis: rate", rate)
         return cls(cutoff=min(DIAGNOSIS_CUTOFF, rate / RATE_PER_CUTOFF), slow_motion=True)

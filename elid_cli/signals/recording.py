@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, check_kind
 from elid_cli.tables import Shown
 
 MEASURED = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
@@ -101,6 +101,12 @@ class Recording(Shown):
     """Signal, joint and the times, s, shape (K,), of samples that were missing or broken and are interpolated."""
     parts: int = 1
     """Logs, or episodes of them, whose times `t` joins."""
+
+    def __post_init__(self) -> None:
+        """Refuse lists and the like in place of the arrays that every recording has (UsageError)."""
+        for name in ("t", "q", "theta", "tau"):
+            hint = "recording_of makes a recording of lists and arrays, aligned and checked"
+            check_kind(f"Recording: {name}", getattr(self, name), np.ndarray, hint)
 
     def signal(self, name: str) -> Array | None:
         """Return a signal or command by its name, shape (N, n), or None where the log has none."""

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.checks import options_given
 from elid_cli.errors import DataError, LogError, UsageError, check_kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.command_torque import command_torque, error_integrals
 from elid_cli.signals.excerpts import excerpts
-from elid_cli.signals.fitting_robot import check_fits, check_joints, check_robot
+from elid_cli.signals.fitting_robot import check_accelerations, check_fits, check_joints, check_robot
 from elid_cli.signals.knots import channels_of, filtered, splined
 from elid_cli.signals.lowpass import LowPass, low_pass
 from elid_cli.signals.motion import Motion, joined_motion
@@ -162,8 +163,13 @@ class Signals(Shown):
         return replace(self, filter=_plan(cutoff, rate, self.dt))
 
 
-def _possible(cutoff: float, dt: float) -> float:
+def _possible(cutoff: float, dt: float, samples: int) -> float:
     """Return a cut-off, Hz, that a log of sample time `dt`, s, can be filtered at (UsageError: it cannot)."""
+    if cutoff * dt * samples < 1:  # before a filter of such a length is made
+        raise UsageError(
+            f"--cutoff {cutoff:g}: one period of it is longer than the log, {dt * samples:.3g} s",
+            hint=f"{DEFAULT_CUTOFF:g} is usual; or leave it out",
+        )
     highest = 0.5 / dt
     if np.isfinite(cutoff) and cutoff >= highest:
         raise UsageError(
@@ -210,14 +216,16 @@ def prepare(
     DataError
         If no joint moves.
     UsageError
-        Smooth commands of a log that holds torques, or a cut-off that it has no frequencies above.
+        Smooth commands of a log that holds torques, a cut-off that it has no frequencies above, or an argument of
+        another kind.
     """
-    options = options or SignalOptions()
+    options = options_given("prepare", options, SignalOptions)
     check_fits(recording, robot)
+    check_accelerations(accelerations, recording)
     recording = with_commands(recording, options.commands, commanded=bool(recording.commanded.all()))
     dt = recording.dt
     usual = EFFECT_CUTOFF if robot.effects else DEFAULT_CUTOFF
-    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else _possible(options.cutoff, dt)
+    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else _possible(options.cutoff, dt, recording.samples)
     filter_ = _plan(cutoff, options.rate, dt)
     minimum = max(MINIMUM_SAMPLES, 2 * filter_.half + 2 * filter_.step)
     segments = tuple(s for s in recording.segments if len(s) >= minimum)

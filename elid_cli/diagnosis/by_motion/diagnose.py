@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from elid_cli._types import Array, Progress
+from elid_cli.checks import names
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.carried import may_carry
 from elid_cli.diagnosis.by_motion.each_alone import beyond, each_alone
@@ -52,7 +53,7 @@ from elid_cli.model.effects.posed import posed
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.signals import Signals, check_signals
 
 BINS = 16
 ONE_CURVE = 0.98
@@ -102,6 +103,8 @@ def diagnose_motion(
     UsageError
         None of the effects to try is one that a simulated motion is searched for.
     """
+    check_signals(signals, robot)
+    names("diagnose_motion: only", only)
     _check_only(robot, only)
     told = as_told(robot, signals)
     found, signals, recording = found if told is signals else None, told, told.recording
@@ -220,14 +223,14 @@ def _bodies_for(gains: Sequence[FoundEffect], before: TrajectoryFit) -> tuple[Ri
     )  # fmt: skip
 
 
-def _check_only(robot: Robot, names: Sequence[str]) -> None:
+def _check_only(robot: Robot, only: Sequence[str]) -> None:
     """Refuse to try nothing: that nothing is found would say that the model suffices."""
     library = effect_classes()
-    load = may_carry(robot) and effect_that(carried=True).name in names
-    if names and not load and not tried_of(library, names):
+    load = may_carry(robot) and effect_that(carried=True).name in only
+    if only and not load and not tried_of(library, only):
         listed = ", ".join(sorted(kind.name for kind in tried_of(library, ())))
         raise UsageError(
-            f"--only: the simulated motion, which judges this log, is not searched for {in_words(list(names))}",
+            f"--only: the simulated motion, which judges this log, is not searched for {in_words(list(only))}",
             detail=f"it is searched for {listed}",
             hint="--lookup judges by the computed torque, which is searched for all effects",
         )

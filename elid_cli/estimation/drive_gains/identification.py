@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.checks import options_given
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.drive_gains.payload import declared, effect_of
 from elid_cli.estimation.drive_gains.solve import DriveRows, PairFit, fit_pair
@@ -82,7 +83,7 @@ def identify_with_payload(
     over = (line for line in beyond_limits(first.theta, first.tau, first.dt, robot) if TORQUE_SIZE[0] in line)
     first = replace(first, warnings=(*first.warnings, *over))
     signals = prepare(first, robot, request.signals)
-    options = replace(options or EstimateOptions(), fit="torque")  # the gains are about it
+    options = replace(options_given("identify", options, EstimateOptions), fit="torque")  # the gains are about it
     found = identify(robot, signals, options)
     whole = all(item.gain is not None for item in gains)
     line = _mapping(request, first, gains) if whole else ""

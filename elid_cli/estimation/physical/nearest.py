@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError, UsageError
+from elid_cli.errors import DataError, UsageError, check_kind
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.physical.semidefinite import nearest_physical, need_solver
 from elid_cli.estimation.regression.triangles import Triangles
@@ -115,11 +115,13 @@ def make_physical(found: Identification) -> PhysicalParameters:
     Raises
     ------
     UsageError
-        The solver is not installed (extra ``physical``), or the bodies of a fit of the motion, which are the file's.
+        The solver is not installed (extra ``physical``), or the bodies of a fit of the motion, which are the file's;
+        what is no identification.
     DataError
         The solver found no answer.
 
     """
+    check_kind("found", found, Identification, "identify(robot, signals) returns one")
     need_solver()
     if found.drives:
         raise UsageError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.checks import check_list, whole
 from elid_cli.errors import UsageError, first_of
 from elid_cli.estimation.sampling.draw import draw_sets
 from elid_cli.estimation.sampling.pool import Distribution, Origin, pooled
@@ -18,6 +20,7 @@ from elid_cli.estimation.sampling.whole import as_identified, other_combinations
 from elid_cli.model.effects import effect_that
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import with_parameters
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.tables import Shown
 
 LOW, HIGH = 2.5, 97.5
@@ -88,10 +91,17 @@ def sample(
     ------
     UsageError
         No set is asked for, results of unlike robots, or a robot that lacks their joints or parameters, or the effects
-        that a diagnosis found.
+        that a diagnosis found; an argument of another kind.
     """
+    check_list("sample: results", results, "results")
+    whole(-sys.maxsize)("sample: count", count)
+    whole(0)("sample: seed", seed)
+    if robot is not None:
+        check_robot(robot)
     if count < 1:
         raise UsageError(f"{count} parameter sets are none", hint="draw 1 or more")
+    if not results:
+        raise UsageError("sample: no result is given", hint="one or more of one robot: sample([found], 100)")
     told = [as_distribution(result, number) for number, result in enumerate(results, start=1)]
     found = pooled(told)
     generator = np.random.default_rng(seed)
@@ -106,9 +116,9 @@ def sample(
             f"the base parameters are not those of {robot.name}: its geometry or gears differ from those of the results"
         )
     held = all(result.bodies_held for result in told)
-    whole, origin, said = whole_sets(robot, base, found, rows, values, generator, held=held)
+    drawn, origin, said = whole_sets(robot, base, found, rows, values, generator, held=held)
     return ParameterSets(
-        found, tuple(base.parameters), robot.parameter_units(), origin, whole, seed, (*notes, *said), robot
+        found, tuple(base.parameters), robot.parameter_units(), origin, drawn, seed, (*notes, *said), robot
     )
 
 

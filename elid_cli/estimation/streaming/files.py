@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.budget import Budget
+from elid_cli.checks import of_kind, several
+from elid_cli.checks import path as file_name
 from elid_cli.errors import LogError
 from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.judgement import ColumnNoise, Insufficient, Judgement, RowNoise
@@ -58,8 +60,10 @@ def write_triangles(logs: Sequence[ReducedLog], path: str | Path) -> None:
     Raises
     ------
     UsageError
-        The file cannot be written.
+        The file cannot be written, or what are no reduced logs.
     """
+    several(of_kind(ReducedLog, "reduced_logs(request) makes them"), "reduced logs")("write_triangles: logs", logs)
+    file_name("write_triangles: path", path)
     with replacing(path) as beside, beside.open("wb") as stream:
         np.savez(stream, **packed(logs))
 

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from elid_cli import errors
-from elid_cli.errors import ElidError, UsageError
+from elid_cli.errors import ElidError, UsageError, check_kind
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.smooth_commands import as_told
 from elid_cli.estimation.streaming.reduce import asked_of, reduce_log
@@ -151,6 +151,7 @@ def reduced_logs(request: LogRequest) -> list[ReducedLog]:
     from elid_cli.logs.mapping.left_out import left_out_of
     from elid_cli.robot.text import text_of
 
+    check_kind("request", request, LogRequest, "LogRequest([LOG], robot)")
     spans = left_out_of(request.mapping, len(request.logs))
     wish, text = asked_of(request.signals), text_of(request.robot)
     stored = {log: read_triangles(log) for log in request.logs if is_triangle_file(log)}

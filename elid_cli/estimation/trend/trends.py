@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.checks import real, several
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import Result, SavedResult, as_saved
 from elid_cli.estimation.trend.apart import Estimates, StandsOut, standing_out
@@ -92,6 +93,7 @@ class Trends(Shown):
 
 def _checked(places: Sequence[float], count: int) -> Array:
     """Return the places of so many results, (R,); refuse others."""
+    several(real, "numbers")("trend: places", places if isinstance(places, str) else list(places))
     at = np.asarray(places, dtype=float)
     if at.shape != (count,) or not np.isfinite(at).all():
         raise UsageError(f"trend: places: {at.size} for {count} results", hint="one finite number per result")
@@ -134,7 +136,7 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
         Fewer than three different results, of different robots, or no parameter in three of them; places that are not
         one number per result, or all the same.
     """
-    every = as_saved(results)
+    every = as_saved(results, "trend: results")
     read, again = every, list[str]()
     if len(every) >= LEAST:
         numbers, again = distinct(every)

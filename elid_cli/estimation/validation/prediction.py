@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import RobotError, first_of
+from elid_cli.errors import RobotError, UsageError, first_of
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -83,7 +83,7 @@ def validate(
     signals
         The log.
     chosen
-        Instants to judge, (M,), default all.
+        Instants to judge, (M,) of True and False, default all.
     observation
         The log's equations where they are at hand.
 
@@ -92,7 +92,7 @@ def validate(
     RobotError
         If the description holds no parameter values, or an effect lacks some.
     UsageError, LogError
-        These are no signals, or those of other joints.
+        These are no signals, or those of other joints; instants that are not those of the log, or none of them.
     """
     check_signals(signals, robot)
     turned = bool(declared_pose(robot))
@@ -107,6 +107,7 @@ def validate(
     signals = corrected(delivered(signals, drives), shifts)
     changed = turned or bool(shifts) or bool(drives) or signals is not asked
     observation = observe(model, signals) if observation is None or changed else observation
+    chosen = _instants(chosen, observation.instants)
     springs = {k for k, name in enumerate(model.names) if name.kind == "K" and not np.isfinite(robot.reference()[k])}
     residual = {
         group.row: group.target - standard[group.index] @ group.columns
@@ -129,6 +130,21 @@ def validate(
     return Validation(
         described, errors, residual, observation, logged, signals, model, standard, acting, chosen, settings
     )
+
+
+def _instants(chosen: object, count: int) -> NDArray[np.bool_] | None:
+    """Return the instants to judge, (M,) of `count` (UsageError: another shape, positions, or none of them)."""
+    if chosen is None:
+        return None
+    mask = np.asarray(chosen)
+    if mask.dtype != bool or mask.shape != (count,):
+        raise UsageError(
+            f"validate: chosen: {mask.dtype}, shape {mask.shape}, in place of bool, shape ({count},)",
+            hint="True for every instant after filtering that is judged: signals.outputs says which samples they are",
+        )
+    if not mask.any():
+        raise UsageError("validate: chosen: no instant is to be judged", hint="leave it out to judge all")
+    return mask
 
 
 def _declared(robot: Robot, scene: Scene) -> list[tuple[Effect, Array]]:

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, RobotError, UsageError, check_kind, check_number, check_word
+from elid_cli.checks import check_fields, number, optional, options_given, path, word
+from elid_cli.errors import LogError, RobotError, UsageError
 from elid_cli.estimation.trajectory.acting import (
     acting,
     can_act,
@@ -38,12 +39,20 @@ from elid_cli.model.rollout import Added, Along, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.mjcf.held import is_held
 from elid_cli.robot.robot import EffectSpec, Robot
-from elid_cli.signals.fitting_robot import check_robot
+from elid_cli.signals.fitting_robot import check_fits
 from elid_cli.signals.recording import Recording, with_commands
 from elid_cli.tables import Shown
 
 TORQUE_HORIZON = 0.5
 """Seconds after which a replay of torques starts again: without feedback the smallest error grows."""
+
+
+_RULES = {
+    "horizon": optional(number(above=0)),
+    "engine": word("elid", "mujoco"),
+    "mjcf": optional(path),
+    "commands": optional(word("held", "smooth")),
+}
 
 
 @dataclass(frozen=True)
@@ -61,10 +70,8 @@ class ReplayOptions:
     else held."""
 
     def __post_init__(self) -> None:
-        """Refuse words that say nothing (UsageError)."""
-        check_word("ReplayOptions: engine", self.engine, ("elid", "mujoco"))
-        check_word("ReplayOptions: commands", self.commands, ("held", "smooth"))
-        check_number("ReplayOptions: horizon", self.horizon)
+        """Refuse words that say nothing, and a horizon that is none (UsageError)."""
+        check_fields(self, _RULES)
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,11 +146,10 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     LogError
         The log holds neither commands with gains nor torques, or no position of a joint.
     UsageError
-        A horizon shorter than a few samples, or MuJoCo is not installed.
+        A horizon shorter than a few samples, MuJoCo is not installed, or an argument of another kind.
     """
-    check_robot(robot)
-    check_kind("recording", recording, Recording, "read_recording reads one, recording_of makes one of arrays")
-    options, robot = options or ReplayOptions(), posed(robot)
+    check_fits(recording, robot)
+    options, robot = options_given("replay", options, ReplayOptions), posed(robot)
     by_commands = not np.isnan(recording.commands.get("q_des", np.full((1, robot.n), np.nan))).all(axis=0).any()
     horizon = options.horizon or (None if by_commands else TORQUE_HORIZON)
     if horizon is not None and horizon < 5 * recording.dt:
@@ -201,9 +207,9 @@ def _named(spec: EffectSpec) -> str:
 
 def _no_driving_friction(robot: Robot) -> None:
     """Refuse Coulomb friction that pushes (RobotError): no joint comes to rest under it."""
-    for number, joint in enumerate(robot.joints, start=1):
+    for place, joint in enumerate(robot.joints, start=1):
         if joint.parameters.get("fs", 0.0) < 0:
-            raise RobotError(f"{robot.name}: fs{number} of {joint.name} is {joint.parameters['fs']:g}: friction brakes",
+            raise RobotError(f"{robot.name}: fs{place} of {joint.name} is {joint.parameters['fs']:g}: friction brakes",
                              hint="it must not be negative to be simulated")  # fmt: skip
 
 

@@ -10,7 +10,8 @@ from itertools import combinations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError
+from elid_cli.checks import check_fields, number, optional, options_given, whole
+from elid_cli.errors import DataError, check_kind
 from elid_cli.experiment.bounds import Bounds, bounds_of, within
 from elid_cli.experiment.information import States
 from elid_cli.experiment.reference import SplineReference, random_reference
@@ -40,6 +41,15 @@ CAP = 12.0
 """Standard deviations short of a decision beyond which all pairs count alike."""
 
 
+_RULES = {
+    "duration": number(above=0),
+    "interval": optional(number(above=0)),
+    "starts": whole(1),
+    "steps": whole(0),
+    "seed": whole(0),
+}
+
+
 @dataclass(frozen=True)
 class ResolveOptions:
     """What to look for."""
@@ -53,6 +63,10 @@ class ResolveOptions:
     steps: int = 120
     """Changes of it that are tried."""
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse a motion that takes no time, or that nothing is tried for (UsageError)."""
+        check_fields(self, _RULES)
 
 
 @dataclass(frozen=True)
@@ -130,10 +144,13 @@ def resolve(
 
     Raises
     ------
+    UsageError
+        An argument of another kind.
     DataError
         The robot cannot even hold itself within its torque limits, or a motion is too short for the filter.
     """
-    options = options or ResolveOptions()
+    check_kind("question", question, Question, "read_question(FILE, robot) reads one")
+    options = options_given("resolve", options, ResolveOptions)
     bench = Bench(question)
     bounds = bounds_of(question.robot)
     judge = Judge(bench, bounds)

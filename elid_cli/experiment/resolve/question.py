@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError, UsageError
+from elid_cli.errors import DataError, UsageError, check_kind
 from elid_cli.estimation.saved_results import check_joints, saved_object
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import Kind, Regressor
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.fitting_robot import check_robot
 
 AGAIN = "elid diagnose LOG --robot ROBOT --json > diagnosis.json"
 
@@ -113,6 +114,7 @@ def read_question(path: str | Path, robot: Robot) -> Question:
     DataError
         The diagnosis leaves nothing open.
     """
+    check_robot(robot)
     saved = saved_object(path, AGAIN)
     if saved.get("command") != "diagnose":
         raise _refused(path)
@@ -136,6 +138,8 @@ def question_of(saved: Mapping[str, Any], robot: Robot, path: str = "diagnosis")
     UsageError, DataError
         See `read_question`.
     """
+    check_robot(robot)
+    check_kind("saved", saved, Mapping, "diagnose(robot, signals).to_dict(); read_question reads a saved one")
     if saved.get("judged_by") == "motion":
         raise UsageError(
             f"{path}: a diagnosis of a log of commands, which is judged by motion: a plan needs one judged by torque",

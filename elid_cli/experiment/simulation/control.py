@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import RobotError, UsageError, check_word
+from elid_cli.checks import check_fields, flag, number, optional, several, word
+from elid_cli.errors import RobotError, UsageError
 from elid_cli.model.dynamics import Dynamics
 
 BANDWIDTH = 25.0
@@ -20,6 +21,10 @@ SAMPLED_SHARE = 0.4
 """Largest speed correction per controller sample, as a share of the error: above it sampled control rings."""
 GRAVITY_MARGIN = 3.0
 """Least proportional gain, in units of the joint's gravity torque per rad."""
+
+
+_GAINS = optional(several(number(least=0), "gains, one or one per joint"))
+_RULES = {"kp": _GAINS, "kd": _GAINS, "feedforward": word("model", "gravity", "none"), "continuous": flag}
 
 
 @dataclass(frozen=True)
@@ -37,8 +42,8 @@ class ControlOptions:
     continuous: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse words that say nothing (UsageError)."""
-        check_word("ControlOptions: feedforward", self.feedforward, ("model", "gravity", "none"))
+        """Refuse words that say nothing, and gains that are none (UsageError)."""
+        check_fields(self, _RULES)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.checks import check_fields, number, of_kind, options_given, whole
 from elid_cli.errors import UsageError
-from elid_cli.experiment.reference import Reference, ReferenceOptions, random_reference
+from elid_cli.experiment.reference import Reference, ReferenceOptions, is_reference, random_reference
 from elid_cli.experiment.simulation.closed_loop import Clock, Controller, follow
 from elid_cli.experiment.simulation.control import ControlOptions, Gains, gains_of
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, active_effects, warm_up
@@ -19,11 +20,24 @@ from elid_cli.experiment.simulation.sensors import SensorOptions, accelerometers
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.scene import DIRECTION_WIDTH
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.fitting_robot import check_robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import MEASURED, Recording, Segment
 
 CONTROL_RATE = 500.0
 """Hz; a log that is slower than this is taken from a controller that runs at a multiple of its rate."""
+
+
+_RULES = {
+    "duration": number(above=0),
+    "rate": number(above=0),
+    "seed": whole(0),
+    "reference": is_reference,
+    "control": of_kind(ControlOptions, "ControlOptions(...) of elid_cli.experiment.simulation, or leave it out"),
+    "sensors": of_kind(SensorOptions, "SensorOptions(...), or leave it out"),
+    "friction_width": number(above=0),
+    "accuracy": number(above=0),
+}
 
 
 @dataclass(frozen=True)
@@ -43,6 +57,10 @@ class SimulationOptions:
     """Speed over which Coulomb friction is rounded (see `Dynamics`)."""
     accuracy: float = 1.0
     """Factor by which integration steps are finer than the default."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no simulation can be of (UsageError)."""
+        check_fields(self, _RULES)
 
 
 @dataclass(frozen=True)
@@ -115,7 +133,8 @@ def run(
     robot: Robot, options: SimulationOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Simulation:
     """Simulate a robot as `simulate` does, and return what was behind the log as well."""
-    options = options or SimulationOptions()
+    check_robot(robot)
+    options = options_given("simulate", options, SimulationOptions)
     samples = _samples(options)
     dt = 1.0 / options.rate
     nominal = Dynamics(robot, friction_width=options.friction_width)

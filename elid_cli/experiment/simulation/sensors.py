@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.checks import check_fields, flag, names, number, optional
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
@@ -16,6 +17,28 @@ from elid_cli.signals.recording import LINK_SENSORS
 
 CHANNELS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature", "gyro", "accel")
 """Signals in the order of their random streams; a new one goes to the end, or the bytes of old seeds change."""
+
+
+_SIZE, _COUNTS = number(least=0), optional(number(above=0))
+_RULES = {
+    "noise_db": optional(number(endless=True)),
+    "position_noise": _SIZE,
+    "velocity_noise": _SIZE,
+    "counts": _COUNTS,
+    "motor_counts": _COUNTS,
+    "motor_side": flag,
+    "torque_noise": _SIZE,
+    "torque_noise_relative": _SIZE,
+    "torque_correlation": _SIZE,
+    "velocities": flag,
+    "tau_link": flag,
+    "temperature": flag,
+    "gyro": names,
+    "gyro_noise": _SIZE,
+    "accel": names,
+    "accel_noise": _SIZE,
+}
+"""Of the fields of `SensorOptions`; an infinite ratio of signal to noise is no noise."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +81,10 @@ class SensorOptions:
     It is a sensor of its own: beside a gyroscope it is mounted in another direction."""
     accel_noise: float = 0.0
     """Standard deviation added to its readings, m/s²."""
+
+    def __post_init__(self) -> None:
+        """Refuse noise and encoders that no sensor has (UsageError)."""
+        check_fields(self, _RULES)
 
 
 BIAS = {"gyroscope": 0.01, "accelerometer": 0.05}

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from elid_cli.checks import names
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.files import read_text
 from elid_cli.logs.mapping.language import SIGNALS
@@ -20,6 +21,7 @@ def read_map_options(options: Sequence[str]) -> dict[str, Any]:
     UsageError
         If a file cannot be read or is not a mapping.
     """
+    names("read_map_options: options", options)
     merged: dict[str, Any] = {}
     for option in options:
         signal, equals, place = option.partition("=")
