@@ -101,8 +101,12 @@ def flag(where: str, value: object) -> None:
 
 
 def word(*words: str) -> Rule:
-    """Return the rule of one of some words; None may stand for it."""
-    return lambda where, value: check_word(where, value, words)
+    """Return the rule of one of some words."""
+
+    def rule(where: str, value: object) -> None:
+        check_word(where, "None" if value is None else value, words)
+
+    return rule
 
 
 def text(where: str, value: object) -> None:

@@ -186,4 +186,5 @@ def check_kind(where: str, value: object, kind: type, hint: str) -> None:
     """Refuse an argument of another type than `kind`; `hint` says what makes one (UsageError)."""
     if not isinstance(value, kind):
         of = f"the text {value!r}" if isinstance(value, str) else f"a value of type {type(value).__name__}"
-        raise UsageError(f"{where}: {of} in place of a {kind.__name__}", hint=hint)
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise UsageError(f"{where}: {of} in place of {article} {kind.__name__}", hint=hint)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.checks import check_fields, number, optional
+from elid_cli.checks import check_fields, names, number, optional
 from elid_cli.errors import UsageError, check_kind
 from elid_cli.files import replacing
 from elid_cli.robot.ranges import range_of
@@ -234,9 +234,15 @@ def write_trajectory(path: str | Path, joints: tuple[str, ...], t: Array, q: Arr
     Raises
     ------
     UsageError
-        The file cannot be written.
+        The file cannot be written, or arrays do not fit the times and the joints.
 
     """
+    names("write_trajectory: joints", joints)
+    wanted = (len(t), len(joints))
+    if wrong := [name for name, values in (("q", q), ("dq", dq), ("ddq", ddq)) if np.shape(values) != wanted]:
+        raise UsageError(
+            f"write_trajectory: {wrong[0]} is not of shape {wanted}", hint="one row per time, one column per joint"
+        )
     head = ",".join(["t", *(f"{kind}.{joint}" for kind in ("q", "dq", "ddq") for joint in joints)])
     with replacing(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as stream:
         np.savetxt(stream, np.column_stack([t, q, dq, ddq]), fmt="%.10g", delimiter=",", header=head, comments="")

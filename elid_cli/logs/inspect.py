@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from elid_cli.checks import path as file_name
 from elid_cli.errors import LogError
 from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.checks.units_and_signs import unit_lines
@@ -105,7 +104,6 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     UsageError
         An argument of another kind.
     """
-    file_name("inspect_log: path", path)
     if robot is not None:
         check_robot(robot)
     source = open_source(path)

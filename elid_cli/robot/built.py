@@ -109,13 +109,13 @@ def _check_number(where: str, value: object, hint: str = "give a finite number, 
         raise RobotError(f"{where}: {float(value):g} is not finite", hint=hint)
 
 
-def _check_vector(where: str, value: Any) -> None:
+def _check_vector(where: str, value: Any, hint: str = "such as (0.0, 0.0, 1.0)") -> None:
     try:
         numbers = tuple(value)
     except TypeError:
         numbers = ()
     if isinstance(value, str) or len(numbers) != 3:
-        raise RobotError(f"{where}: {value!r} is no vector of three numbers", hint="such as (0.0, 0.0, 1.0)")
+        raise RobotError(f"{where}: {value!r} is no vector of three numbers", hint=hint)
     for number in numbers:
         _check_number(where, number)
 
@@ -161,7 +161,7 @@ def _refuse_whole(robot: Robot) -> None:
     if not isinstance(robot.joints, tuple) or not all(isinstance(joint, Joint) for joint in robot.joints):
         raise RobotError(f"{where}: joints: no tuple of Joint", hint='joints=(Joint("shoulder"), Joint("elbow"))')
     _check_word(f"{where}: dh", robot.dh, CONVENTIONS)
-    _check_vector(f"{where}: gravity", robot.gravity)
+    _check_vector(f"{where}: gravity", robot.gravity, "such as (0.0, 0.0, -9.81)")
     names = [joint.name for joint in robot.joints]
     twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
     if twice is not None:

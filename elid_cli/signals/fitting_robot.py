@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elid_cli.errors import LogError, UsageError, check_kind
+from elid_cli.errors import LogError, RobotError, UsageError, check_kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import MEASURED, Recording
 
@@ -17,9 +17,12 @@ HINT = "recording_of makes a recording from arrays: in the robot's order, aligne
 
 
 def check_robot(robot: object, where: str = "robot") -> None:
-    """Refuse a file's name or anything else in place of a robot (UsageError)."""
+    """Refuse a file's name or anything else in place of a robot (UsageError), and one without joints (RobotError)."""
     made = f"read_robot({str(robot)!r})" if isinstance(robot, str | Path) else "read_robot(file)"
     check_kind(where, robot, Robot, f"{made} reads one")
+    assert isinstance(robot, Robot)
+    if not robot.joints:
+        raise RobotError(f"{where} {robot.name!r}: it has no joints", hint='Robot("arm", (Joint("shoulder"),))')
 
 
 def is_robot(where: str, value: object) -> None:

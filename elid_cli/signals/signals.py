@@ -163,13 +163,17 @@ class Signals(Shown):
         return replace(self, filter=_plan(cutoff, rate, self.dt))
 
 
-def _possible(cutoff: float, dt: float, samples: int) -> float:
-    """Return a cut-off, Hz, that a log of sample time `dt`, s, can be filtered at (UsageError: it cannot)."""
-    if cutoff * dt * samples < 1:  # before a filter of such a length is made
+def _check_slow(name: str, value: float | None, lasting: float) -> None:
+    """Refuse a frequency, Hz, of which a log of `lasting` s holds no period, before a filter of that length is made."""
+    if value is not None and value * lasting < 1:
         raise UsageError(
-            f"--cutoff {cutoff:g}: one period of it is longer than the log, {dt * samples:.3g} s",
-            hint=f"{DEFAULT_CUTOFF:g} is usual; or leave it out",
+            f"--{name} {value:g}: one period of it is longer than the log, {lasting:.3g} s",
+            hint=f"more than {1 / lasting:.2g}, or leave it out",
         )
+
+
+def _possible(cutoff: float, dt: float) -> float:
+    """Return a cut-off, Hz, that a log of sample time `dt`, s, can be filtered at (UsageError: it cannot)."""
     highest = 0.5 / dt
     if np.isfinite(cutoff) and cutoff >= highest:
         raise UsageError(
@@ -224,8 +228,10 @@ def prepare(
     check_accelerations(accelerations, recording)
     recording = with_commands(recording, options.commands, commanded=bool(recording.commanded.all()))
     dt = recording.dt
+    _check_slow("cutoff", options.cutoff, dt * recording.samples)
+    _check_slow("rate", options.rate, dt * recording.samples)
     usual = EFFECT_CUTOFF if robot.effects else DEFAULT_CUTOFF
-    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else _possible(options.cutoff, dt, recording.samples)
+    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else _possible(options.cutoff, dt)
     filter_ = _plan(cutoff, options.rate, dt)
     minimum = max(MINIMUM_SAMPLES, 2 * filter_.half + 2 * filter_.step)
     segments = tuple(s for s in recording.segments if len(s) >= minimum)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -94,12 +94,12 @@ def sample(
         that a diagnosis found; an argument of another kind.
     """
     check_list("sample: results", results, "results")
-    whole(-sys.maxsize)("sample: count", count)
+    if isinstance(count, Integral) and count < 1:
+        raise UsageError(f"{count} parameter sets are none", hint="draw 1 or more")
+    whole(1)("sample: count", count)
     whole(0)("sample: seed", seed)
     if robot is not None:
         check_robot(robot)
-    if count < 1:
-        raise UsageError(f"{count} parameter sets are none", hint="draw 1 or more")
     if not results:
         raise UsageError("sample: no result is given", hint="one or more of one robot: sample([found], 100)")
     told = [as_distribution(result, number) for number, result in enumerate(results, start=1)]
