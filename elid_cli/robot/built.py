@@ -75,9 +75,11 @@ def _refuse(joint: Joint) -> None:
     for name in _NUMBERS:
         _check_number(f"{where}: {name}", getattr(joint, name))
     for name in _VECTORS:
+        if name == "motor_axis" and joint.motor_axis is None and joint.gear_ratio is None:
+            continue  # a rotor that does not couple is not asked for its axis
         _check_vector(f"{where}: {name}", getattr(joint, name))
-    for name in _AXES:
-        _check_axis(f"{where}: {name}", getattr(joint, name))
+        if name in _AXES:
+            _check_axis(f"{where}: {name}", getattr(joint, name))
     if joint.gear_ratio is not None:
         _check_number(f"{where}: gear_ratio", joint.gear_ratio)
         if joint.gear_ratio == 0:
@@ -138,17 +140,12 @@ def check_whole(robot: Robot) -> None:
             and type(robot.joints) is tuple
             and math.isfinite(x + y + z)
             and len(names) == len(robot.joints)
-            and not any(joint.parent or _lacks_gear(joint) for joint in robot.joints)
+            and not any(joint.parent for joint in robot.joints)
         )
     except (TypeError, ValueError, AttributeError):
         sound = False
     if not sound:
         _refuse_whole(robot)
-
-
-def _lacks_gear(joint: Joint) -> bool:
-    """Whether a joint has its rotor's own inertia, which would be dropped, as its gear ratio is not known."""
-    return joint.gear_ratio is None and "Jm" in joint.parameters
 
 
 def _refuse_whole(robot: Robot) -> None:
@@ -167,11 +164,6 @@ def _refuse_whole(robot: Robot) -> None:
     if twice is not None:
         raise RobotError(f"{where}: a second joint {twice!r}", hint="every joint needs its own name")
     for k, joint in enumerate(robot.joints):
-        if _lacks_gear(joint):
-            raise RobotError(
-                f"{where}: parameters of {joint.name}: Jm is the rotor's own inertia, and the gear ratio is not given",
-                hint="give gear_ratio, or the inertia at the joint: Ja",
-            )
         above = ("", BASE, *names[:k])
         if joint.parent not in above:
             raise RobotError(
