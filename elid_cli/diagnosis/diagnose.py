@@ -61,13 +61,8 @@ HARM = 0.01
 """Part of the held-out error by which a limit of the torque may make it larger."""
 
 
-_RULES = {
-    "lookup": flag,
-    "only": names,
-    "accurate": flag,
-    "jobs": whole(1),
-    "by": word("auto", "torque", "motion"),
-}
+# keywords, as an effect has the name of a field, and no file but its own names an effect
+_RULES = dict(lookup=flag, only=names, accurate=flag, jobs=whole(1), by=word("auto", "torque", "motion"))
 
 
 @dataclass(frozen=True)
