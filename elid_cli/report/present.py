@@ -272,6 +272,16 @@ def _samples(found: Recording) -> Mapping[str, Any]:
     return {"t": found.t, **columns}
 
 
+def _robot(found: Robot) -> View:
+    from elid_cli.report.answers import robot as answer
+
+    return View(
+        lambda: answer.robot_sections(found),
+        lambda: answer.robot_values(found),
+        lambda _: answer.robot_rows(found),
+    )
+
+
 def _signals(found: Signals) -> View:
     from elid_cli.report.answers import signals as answer
 
@@ -296,6 +306,7 @@ _VIEWS: dict[str, Callable[[Any], View]] = {
     "PhysicalParameters": _physical,
     "Recording": _recording,
     "Replay": _replay,
+    "Robot": _robot,
     "Signals": _signals,
     "Trends": _trends,
     "Validation": _validation,

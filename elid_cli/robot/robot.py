@@ -26,6 +26,7 @@ from elid_cli.errors import RobotError
 from elid_cli.robot.built import check_joint, check_whole
 from elid_cli.robot.frames import by_axis, by_dh, to_quarter
 from elid_cli.robot.parameter import JOINT_PARAMETERS, PARAMETER_GROUPS, StandardParameter
+from elid_cli.tables import Shown
 
 JointType = Literal["revolute", "prismatic"]
 Transmission = Literal["elastic", "rigid", "auto"]
@@ -141,7 +142,7 @@ class Payload:
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Shown):
     """A robot; `log` is the default mapping of its logs (same shape as a --map file)."""
 
     name: str

@@ -178,6 +178,7 @@ def results(
         make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)), motion_diagnosis,
         replay(ROBOT, recording, ReplayOptions(horizon=0.2)), sample([identification], 50, seed=3),
         trend([identification, *months[1:]]), resolution, compare([identification] * 3), prepare(recording, ROBOT),
+        ROBOT,
     ]  # fmt: skip
     return {type(result).__name__: result for result in found}
 
@@ -197,6 +198,7 @@ WORDS = {
     "Recording": ["at 500 Hz, 2 joints", "log.h5"],
     "Replay": ["simulated minus measured position", "joint2"],
     "Resolution": ["encoder_skew", "link_viscous"],
+    "Robot": ["planar2", "0 -9.81 0 m/s²", "elastic", "14 of 14"],
     "Signals": ["at 500 Hz, 2 joints", "zero-phase low-pass 10 Hz", "noise of each channel", "joint2"],
     "Trends": ["planar2 · 3 recordings", "slope: per", "fv1"],
     "Validation": ["torque rms", "joint1", "N·m"],
@@ -249,7 +251,7 @@ def test_results_print_as_tables(results: dict[str, Shown], kind: str, monkeypat
     assert [word for word in WORDS[kind] if " ".join(word.split()).lower() not in spoken] == []
 
 
-@pytest.mark.parametrize("kind", WORDS)
+@pytest.mark.parametrize("kind", sorted(WORDS.keys() - {"Robot"}))  # whose repr is all of it: robots are compared so
 def test_a_repr_is_short_and_says_how_large_things_are(results: dict[str, Shown], kind: str) -> None:
     said = repr(results[kind])
     assert said.startswith(f"{kind}(")
