@@ -231,7 +231,6 @@ CALLS: dict[str, Callable[[Given], Any]] = {
     "question: the text": lambda g: api.resolve("x"),
     "chosen: .* in place of bool": lambda g: api.validate(g.robot, g.signals, np.ones(5, dtype=bool)),
     "chosen: int64": lambda g: api.validate(g.robot, g.signals, [1, 2]),
-    "no instant is to be judged": lambda g: api.validate(g.robot, g.signals, np.zeros(len(g.signals.outputs), bool)),
     "accelerations: .* and": lambda g: api.prepare(g.recording, g.robot, None, (g.recording.q, g.recording.q[:5])),
     "accelerations: .*2,": lambda g: api.prepare(g.recording, g.robot, None, g.recording.q),
     "accelerations: .*int": lambda g: api.prepare(g.recording, g.robot, None, 3),

@@ -133,7 +133,7 @@ def validate(
 
 
 def _instants(chosen: object, count: int) -> NDArray[np.bool_] | None:
-    """Return the instants to judge, (M,) of `count` (UsageError: another shape, positions, or none of them)."""
+    """Return the instants to judge, (M,) of `count` (UsageError: another shape, or positions)."""
     if chosen is None:
         return None
     mask = np.asarray(chosen)
@@ -142,8 +142,6 @@ def _instants(chosen: object, count: int) -> NDArray[np.bool_] | None:
             f"validate: chosen: {mask.dtype}, shape {mask.shape}, in place of bool, shape ({count},)",
             hint="True for every instant after filtering that is judged: signals.outputs says which samples they are",
         )
-    if not mask.any():
-        raise UsageError("validate: chosen: no instant is to be judged", hint="leave it out to judge all")
     return mask
 
 
