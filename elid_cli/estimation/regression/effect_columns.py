@@ -23,7 +23,7 @@ from elid_cli.model.program import Program
 from elid_cli.model.regressor import EstimationRow, Regressor, inputs_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.motion import Motion
+from elid_cli.signals.motion import Motion, joined_motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 
@@ -208,8 +208,7 @@ def _joined_rows(values: Array, segments: Sequence[Segment]) -> Array:
 def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
     if _whole(segments, motion.samples):
         return motion
-    index = np.concatenate([np.arange(s.start, s.stop, dtype=np.intp) for s in segments])
-    return motion[index]
+    return joined_motion([motion[s.start : s.stop] for s in segments])  # of splines, no more than these are evaluated
 
 
 def _torques(

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.estimation.default_fit import DefaultFit
-from elid_cli.estimation.regression.effect_columns import scene_of
-from elid_cli.estimation.regression.known_columns import KnownColumns
+from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.validation.absorbed_gains import size_beside
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
@@ -54,10 +53,10 @@ def absorbed_zeros(
     if fit.data.facts.computed.any() or fit.effects is not None:  # effects' columns hang on the positions as well
         return AbsorbedZeros((), moved)
     least = ELASTIC if fit.model.robot.elastic.any() else SURE
-    scene, known = scene_of(fit.model, fit.signals, fit.standard), KnownColumns(fit.signals)
+    scene = scene_of(fit.model, fit.signals, fit.standard)
     judged = {row: quiet[row] for row in quiet if row not in lacking}
     for effect in _asked(fit):
-        asked = size_beside(fit, known.of(effect, scene), judged)
+        asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
         if asked is not None and asked.sure > least and asked.moved.any():
             found[effect.joint] = max(asked.sure, found.get(effect.joint, 0.0))
             moved |= asked.moved
