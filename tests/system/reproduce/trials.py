@@ -137,8 +137,8 @@ def scales(recording: Recording, k: int) -> Scales:
     )
 
 
-def truth(effect: str, robot: Robot, k: int, s: Scales) -> dict[str, float]:
-    """Return parameters of an effect of a typical size at joint k."""
+def truths(robot: Robot, k: int, s: Scales) -> dict[str, dict[str, float]]:
+    """Return parameters of the effects that are tried, of a typical size at joint k."""
     p = robot.joints[k].parameters
     fs, fv, K = p["fs"], p["fv"], p["K"]
     other = float((k + 1) % robot.n + 1)
@@ -171,7 +171,7 @@ def truth(effect: str, robot: Robot, k: int, s: Scales) -> dict[str, float]:
         | dict.fromkeys(("Ixy", "Ixz", "Iyz"), 0.0),
         "contact": {"torque": 0.25 * s.tau, "time": 0.46 * DURATION, "width": 0.4},
         "flexible_mode": {"inertia": 0.08 * s.tau / 9.0, "frequency": 11.0, "damping": 0.03},
-    }[effect]
+    }
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def one(trial: Trial) -> Outcome:
         EffectSpec(
             name,
             None if effect_classes()[name].whole_robot else base.joint_names[k],
-            truth(name, base, k, scales(plain, k)),
+            truths(base, k, scales(plain, k))[name],
         )
         for name, k in trial.effects
     ]
@@ -264,7 +264,11 @@ def trials(options: argparse.Namespace) -> list[Trial]:
     for name in options.robot:
         robot = robot_named(name)
         kinds = {k: c for k, c in effect_classes().items() if k not in SKIPPED}
-        names = options.effect or list(kinds)
+        sized = truths(robot, 0, Scales(1.0, 1.0, 1.0, 1.0, 1.0))
+        unsized = [k for k in options.effect or kinds if k not in sized]
+        if unsized:
+            print(f"not tried, as no size is written here: {', '.join(unsized)}", flush=True)
+        names = [k for k in options.effect or kinds if k in sized]
         for effect in names:
             for k in range(robot.n):
                 if kinds[effect].applies(robot, k):
