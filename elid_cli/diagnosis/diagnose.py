@@ -17,10 +17,12 @@ from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.quieter_log import AGAIN, quieter
-from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
+from elid_cli.diagnosis.fit.state import State, fit
+from elid_cli.diagnosis.held_below import held_below
 from elid_cli.diagnosis.lower_cutoff import looked_closer, names_of
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.diagnosis.search.absorbed import with_absorbed
+from elid_cli.diagnosis.search.at_all_joints import at_all_joints
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
 from elid_cli.diagnosis.search.event_times import retimed
@@ -30,7 +32,7 @@ from elid_cli.diagnosis.search.one_for_two import with_one_for_two
 from elid_cli.diagnosis.search.other_forms import other_forms, with_usual_forms
 from elid_cli.diagnosis.search.rounded_friction import with_rounding_that_fits
 from elid_cli.diagnosis.search.screening import sensible
-from elid_cli.diagnosis.search.steps import Found
+from elid_cli.diagnosis.search.steps import Found, dropped
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
 from elid_cli.diagnosis.unexplained import HELD_OUT
@@ -204,7 +206,12 @@ def diagnose_torque(
         left, before = (max((item.ratio for item in one.unexplained), default=0.0) for one in (seen, told))
         if left < ENOUGH * before and names_of(told) < names_of(seen):
             told = seen
-    return looked_closer(told, signals, lambda lower: _by_torque(robot, lower, chosen, progress, usual))
+    told = looked_closer(told, signals, lambda lower: _by_torque(robot, lower, chosen, progress, usual))
+
+    def below(lower: Signals, only: tuple[str, ...]) -> Diagnosis:
+        return _by_torque(robot, lower, replace(chosen, only=only or chosen.only), progress, lower)
+
+    return held_below(told, signals, below, chosen.only)
 
 
 def _by_torque(
@@ -226,6 +233,8 @@ def _by_torque(
     }
     declared = log.declared
     log, searched = _searched(log, declared, library, progress, options.jobs)
+    if not searched.partial:
+        searched = at_all_joints(searched, len(declared) + searched.kept)
     if searched.partial and progress is not None:
         progress("finishing; Ctrl-C again stops at once", 0.0)
     searched = with_rounding_that_fits(retimed(searched, len(declared)), len(declared))
@@ -291,8 +300,8 @@ def _supported(found: Found, declared: int) -> Found:
         if not failing:
             return replace(found, after=state, steps=tuple(steps), remaining=(*gone, *found.remaining))
         worst = min(failing)[1]
-        state = refreshed(without(state, declared + worst))
-        gone.append(steps.pop(worst).candidate)
+        gone.append(steps[worst].candidate)
+        state, steps = dropped(state, steps, declared, worst)
         steps = [beside(left, gone[-1]) for left in steps]
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State, fit, without
 from elid_cli.estimation.refined_robot import representative
-from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
+from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.rotor_shares import with_rotors
+from elid_cli.estimation.regression.scene_with_effects import with_effects
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect, Member
 from elid_cli.model.effects.scene import Scene

@@ -296,14 +296,14 @@ def _settings(data: FitData, options: EstimateOptions) -> dict[str, object]:
 
 
 def _rotor_words(rotors: Mapping[int, tuple[float, float]], robot: Robot) -> list[str]:
-    """Return a sentence for each rotor that friction under load tells."""
+    """Return a sentence for each rotor that friction or deflection under load tells."""
     said = []
     for joint, at_joint in rotors.items():
         name, ratio = robot.rotor_names[joint], robot.joints[joint].gear_ratio or 1.0
         inertia, error = (value / ratio**2 for value in at_joint)
         said.append(
-            f"{name} is {inertia:.3g} ± {error:.1g} {'kg·m²' if robot.joints[joint].revolute else 'kg'} by the friction"
-            " that follows the load; motion alone shows it in a sum"
+            f"{name} is {inertia:.3g} ± {error:.1g} {'kg·m²' if robot.joints[joint].revolute else 'kg'} by what"
+            " follows the load (friction or deflection); motion alone shows it in a sum"
         )
     return said
 

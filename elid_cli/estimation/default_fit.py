@@ -15,11 +15,12 @@ from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, SampledData, Solved, sampled, sum_row
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.covariance import lasting_weights
-from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_effects, with_found
+from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import LONGEST, beside_effects, reading_columns, short_enough, significant
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity
+from elid_cli.estimation.regression.scene_with_effects import with_effects, with_found
 from elid_cli.estimation.regression.standard_errors import covariance_of, covariance_with_dropped
 from elid_cli.estimation.regression.triangles import ExtraColumns, to_triangles
 from elid_cli.estimation.result import EstimateOptions

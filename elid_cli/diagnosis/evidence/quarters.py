@@ -22,7 +22,7 @@ from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.search.encoder_skew import link_load
 from elid_cli.diagnosis.search.event_times import INSTANT
-from elid_cli.diagnosis.search.steps import Found
+from elid_cli.diagnosis.search.steps import Found, dropped
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.estimation.regression.least_squares import Solution, solve
@@ -136,14 +136,15 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
     worst = min(failing, key=lambda s: min((g for g in s.gains if np.isfinite(g)), default=s.whole))
     for k, item in enumerate(steps):
         if item is worst:
-            rest = replace(found, steps=(*found.steps[:k], *found.steps[k + 1 :]))
             if effect_classes()[worst.effect].always_fitted and worst.whole > 0:
                 # not named, but left out stiffness and friction would have to stand in for it
                 effects = list(state.effects)
                 effects.insert(declared, effects.pop(declared + k))
                 state = refreshed(fit(state.log, effects, state.scene))
-                return replace(rest, after=state, kept=found.kept + 1), replace(worst, kept=True)
-            return replace(rest, after=refreshed(without(state, declared + k))), worst
+                rest = (*found.steps[:k], *found.steps[k + 1 :])
+                return replace(found, after=state, steps=rest, kept=found.kept + 1), replace(worst, kept=True)
+            after, left = dropped(state, found.steps, declared, k)
+            return replace(found, after=after, steps=tuple(left)), worst
     k = next(k for k, item in enumerate(skews) if item is worst)
     gone, shifts = found.skews[k], state.log.shifts
     log = state.log.seen_late(gone.joint, shifts.of("link", gone.joint) - gone.skew)

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
 from elid_cli.diagnosis.fit.divided_log import Log
-from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed, scene_in, without
-from elid_cli.diagnosis.search.steps import Found
+from elid_cli.diagnosis.fit.state import State, agreed, fit, scene_in
+from elid_cli.diagnosis.search.steps import Found, dropped
 from elid_cli.errors import DataError
 from elid_cli.estimation.cutoff import at_best_cutoff
 from elid_cli.estimation.result import EstimateOptions
@@ -54,8 +54,8 @@ def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> 
         if not failing:
             break
         worst = min(failing, key=lambda k: told[k].whole)
-        steps = (*found.steps[:worst], *found.steps[worst + 1 :])
-        found = replace(found, after=refreshed(without(found.after, declared + worst)), steps=steps)
+        after, steps = dropped(found.after, found.steps, declared, worst)
+        found = replace(found, after=after, steps=tuple(steps))
         gone.append(replace(told[worst], cutoff=raw.filter.cutoff))
     return found, tuple(gone)
 

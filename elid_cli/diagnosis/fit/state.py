@@ -18,8 +18,9 @@ from elid_cli.diagnosis.fit.whitened import project
 from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import Solved, sum_row
 from elid_cli.estimation.default_fit import solve_with
-from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_found
+from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
+from elid_cli.estimation.regression.scene_with_effects import with_found
 from elid_cli.estimation.regression.standard_errors import covariance_with_shapes
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
@@ -28,7 +29,7 @@ from elid_cli.estimation.validation.noise_floor import Floor
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Nuisance
-from elid_cli.model.effects.kinds import CurveEffect
+from elid_cli.model.effects.kinds import CurveEffect, goes_with
 from elid_cli.model.effects.posed import Pose, settled, turns_model
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
@@ -346,4 +347,4 @@ def _without(state: State, number: int) -> State:
     if log.pose.of(type(effect), effect.joint).any():
         log = log.posed(log.pose.without(effect))
     but = state.but if effect.nuisance is None else state.but | {(effect.nuisance, effect.joint)}
-    return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene, but=but)
+    return fit(log, [e for e in state.effects if not goes_with(e, effect)], state.scene, but=but)

@@ -86,7 +86,7 @@ def _by_size(kind: type[Effect]) -> bool:
     The deflection is not: noise of encoders in it is not linear in what acts between motor and link.
     """
     in_deflection = kind.in_deflection or kind.place == "spring"
-    return not (kind.local or kind.shapes or kind.corrects or kind.nuisance or in_deflection)
+    return not (kind.local or kind.shapes or kind.corrects or kind.nuisance or kind.quasi_static or in_deflection)
 
 
 def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step] | None:

@@ -64,7 +64,7 @@ def _pairs(found: Found) -> Iterator[tuple[int, int]]:
     """Yield numbers of steps whose effects act in the same rows; what acts for a moment is another matter."""
     for (k, one), (m, other) in combinations(enumerate(found.steps), 2):
         effects = one.candidate.effect, other.candidate.effect
-        if any(effect.local or effect.in_deflection for effect in effects):
+        if any(effect.local or effect.in_deflection or effect.quasi_static for effect in effects):
             continue
         if one.candidate.columns.rows.keys() & other.candidate.columns.rows.keys():
             yield k, m

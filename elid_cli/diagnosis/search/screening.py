@@ -167,6 +167,8 @@ def sensible(effect: Effect, scene: Scene, values: Mapping[str, float]) -> bool:
 
 def _groups(state: State, library: Mapping[str, type[Effect]]) -> Iterator[tuple[type[Effect], int]]:
     for kind in library.values():
+        if kind.quasi_static and any(type(effect) is kind for effect in state.effects):
+            continue  # all joints that can have it come together (`at_all_joints`)
         for joint in range(state.log.model.robot.n):
             if kind.applies(state.log.model.robot, joint):
                 yield kind, joint

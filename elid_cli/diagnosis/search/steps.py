@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from elid_cli.diagnosis.fit.state import State
+from elid_cli.diagnosis.fit.state import State, refreshed, without
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.model.effects import twins_of
+from elid_cli.model.effects.kinds import goes_with
 
 NEAR = 10.0
 """Effects whose net gain is this near to the best cannot be told apart from it …"""
@@ -67,6 +68,13 @@ class Found:
     """How many effects after the declared ones stay in the model without being named."""
     partial: bool = False
     """Whether Ctrl-C ended it."""
+
+
+def dropped(state: State, steps: Sequence[Step], declared: int, number: int) -> tuple[State, list[Step]]:
+    """Return a state and its steps without one of these, and what goes with it; `declared` effects have no step."""
+    gone = state.effects[declared + number]
+    rest = [step for step, effect in zip(steps, state.effects[declared:], strict=True) if not goes_with(effect, gone)]
+    return refreshed(without(state, declared + number)), rest
 
 
 def best_step(able: Sequence[Candidate]) -> Step:

@@ -18,7 +18,7 @@ from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.scene import EquationRow, Scene, direction_widths
+from elid_cli.model.effects.scene import Scene, direction_widths
 from elid_cli.model.program import Program
 from elid_cli.model.regressor import EstimationRow, Regressor, inputs_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
@@ -28,15 +28,8 @@ from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 
 NO_ROTORS: Mapping[int, float] = MappingProxyType({})
-AGREEING, AGREED = 12, 1e-5
-"""Most rounds in which predicted torque and friction that follows it come to agree, and the change, as a part of the
-torque, below which they do: a round leaves as much of the error as friction follows the motor's torque."""
 SHARP, SHARPEST = 4.0, 1e-5
 """Part of the slowest speed at which an instant counts over which the sign of velocity is rounded, and least, rad/s."""
-PASSING = "spring", "encoder"
-"""Places of effects that act through the transmission."""
-ON_LINKS = "link", "chain"
-"""Places of effects that act on the links alone."""
 _CHUNK = 8192
 """Samples whose full-rate regressor is held at a time."""
 _KEPT, _KEPT_SAMPLES = 32_000_000, 16384
@@ -105,7 +98,11 @@ def scene_of(
                 stiffness[k] = value
     springs = np.isfinite(stiffness)
     open_rotors = _open_rotors(model, standard, np.flatnonzero(~springs)) | dict(rotors)
-    predicted, link = _torques(model, played, standard, np.flatnonzero(~springs), open_rotors)
+    of_rotors = _rotors_in_sums(model) if not springs.all() else {}
+    for number, inertia in open_rotors.items():
+        ratio = robot.joints[number].gear_ratio or 1.0
+        of_rotors[number] = model.index[robot.rotor_names[number]], inertia / ratio**2
+    predicted, link = _torques(model, played, standard, np.flatnonzero(~springs), of_rotors)
     load = np.empty((motion.samples, robot.n))
     load[:, ~springs] = link
     for k in np.flatnonzero(springs).tolist():
@@ -128,8 +125,13 @@ def scene_of(
         predicted=predicted,
         parameters=np.nan_to_num(standard),
         duration=signals.duration,
+        cutoff=signals.filter.cutoff,
         stiffness=stiffness,
         rotors=open_rotors,
+        with_bodies={
+            k: (inertia - float(np.nan_to_num(standard[column]))) * (robot.joints[k].gear_ratio or 1.0) ** 2
+            for k, (column, inertia) in of_rotors.items()
+        },
         starts=tuple(int(k) for k in np.concatenate([[0], np.cumsum(lengths)[:-1]])),
         temperature=temperature,
         rounding=_rounding(robot, signals),
@@ -144,48 +146,6 @@ def _rounding(robot: Robot, signals: Signals) -> Array:
         return direction_widths(robot)
     slowest = np.maximum(signals.min_velocity / SHARP, SHARPEST)
     return np.asarray(np.minimum(direction_widths(robot), slowest))
-
-
-def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
-    """Return the scene that knows of effects with their amplitudes (d,), and what the columns of others are made of.
-
-    That is the torque through the transmissions that they add to the spring's, or take off it: of play, or of encoders
-    that do not agree on zero; and through rigid ones what acts on the links, such as a payload or a balancing spring.
-    """
-    added, rigid = np.zeros_like(scene.load), ~np.isfinite(scene.stiffness)
-    for effect, linear in effects:
-        if effect.place in PASSING and not rigid[effect.joint]:
-            columns = effect.columns(scene)
-            rows = [EquationRow(side, effect.joint) for side in ("link", "motor")]
-            if set(columns) == set(rows):  # what acts on both sides passes the transmission
-                added[:, effect.joint] += linear @ columns[rows[1]]
-        elif effect.place in ON_LINKS and rigid.any():
-            for row, values in effect.columns(scene).items():
-                if row.side == "link" and rigid[row.joint]:
-                    added[:, row.joint] += linear @ values
-    load = scene.load + added if added.any() else scene.load
-    return replace(scene, load=load, found=tuple(effects), cache={}) if effects else scene
-
-
-def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
-    """Return the scene whose predicted torque holds that of effects with their amplitudes (d,), where one needs it.
-
-    Friction that follows the motor's torque is part of that torque: a few rounds let both agree.
-    """
-    scene = with_found(scene, effects)
-    if not any(effect.from_torque for effect, _ in effects):
-        return scene
-    base = scene.predicted
-    for _ in range(AGREEING):
-        total = base.copy()
-        for effect, linear in effects:
-            for row, columns in effect.columns(scene).items():
-                total[:, row.joint] += linear @ columns
-        change = float(np.linalg.norm(total - scene.predicted))
-        scene = replace(scene, predicted=total, alone=base, cache={})
-        if change <= AGREED * float(np.linalg.norm(total)):
-            break
-    return scene
 
 
 def _optional(signals: Signals) -> dict[str, Any]:
@@ -212,7 +172,11 @@ def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
 
 
 def _torques(
-    model: Regressor, played: _Played, standard: Array, of_links: NDArray[np.intp], open_rotors: Mapping[int, float]
+    model: Regressor,
+    played: _Played,
+    standard: Array,
+    of_links: NDArray[np.intp],
+    rotors: Mapping[int, tuple[int, float]],
 ) -> tuple[Array, Array]:
     """Return predicted motor torque, (N, n), and the link's share of it (what passes the transmission) of some joints.
 
@@ -224,10 +188,6 @@ def _torques(
     known = np.nan_to_num(standard)
     weights = np.zeros((n + len(of_links), program.outputs))
     shares = {int(joint): n + number for number, joint in enumerate(of_links)}
-    rotors = _rotors_in_sums(model) if shares else {}
-    for joint, inertia in open_rotors.items():
-        column, ratio = model.index[model.robot.rotor_names[joint]], model.robot.joints[joint].gear_ratio or 1.0
-        rotors[joint] = column, inertia / ratio**2
     for item in plan.rows:
         if item.row.kind == "sum":
             k = item.row.joint

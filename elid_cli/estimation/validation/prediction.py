@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, UsageError, first_of
 from elid_cli.estimation.judgement import JointError
-from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
+from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.scene_with_effects import with_effects
 from elid_cli.estimation.validation.cross_validation import errors_of_rows
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve

@@ -108,6 +108,8 @@ class Effect(ABC):
     """Whether it is something that happened while one log was recorded, and nothing of the robot: no file holds it."""
     from_model: ClassVar[bool] = False
     """Whether the columns come from the present model's torques, so that a fit has to be repeated until both agree."""
+    quasi_static: ClassVar[bool] = False
+    """Whether its form holds at low frequencies alone, and all joints that can have it are fitted with it together."""
     from_torque: ClassVar[bool] = False
     """Whether `Scene.predicted` has to hold the torque of the effects, too, its own among them."""
     of_motor_speed: ClassVar[bool] = False

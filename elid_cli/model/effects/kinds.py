@@ -86,3 +86,8 @@ class OscillatorEffect(Effect):
     @abstractmethod
     def columns_of(self, scene: Scene, state: Array) -> Columns:
         """Return the columns for given states (states, N); accelerations in `scene.motion` are not valid here."""
+
+
+def goes_with(one: Effect, other: Effect) -> bool:
+    """Whether an effect leaves a model with another one: it is that, or the same at another joint as all have it."""
+    return one is other or (other.quasi_static and type(one) is type(other))

@@ -59,6 +59,10 @@ class Scene:
     rotors: Mapping[int, float] = field(default_factory=dict)
     """Inertia at the joint, kg·m² (kg), that `load` leaves to the rotor of a rigid joint, where motion shows rotor and
     bodies in sums only and the robot file does not know the rotor."""
+    with_bodies: Mapping[int, float] = field(default_factory=dict)
+    """Inertia at the joint, kg·m² (kg), that `parameters` count to the bodies and `load` leaves to the rotor."""
+    cutoff: float = np.inf
+    """Frequency up to which the equations are compared, Hz."""
     starts: Sequence[int] = (0,)
     """Indices at which a new segment begins; effects with memory start afresh there."""
     temperature: Array | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from elid_cli.estimation.regression.effect_columns import with_effects
+from elid_cli.estimation.regression.scene_with_effects import with_effects
 from elid_cli.experiment.simulation import ControlOptions, SensorOptions, Simulation, SimulationOptions, run
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects import effect_classes
@@ -62,6 +62,7 @@ ELSEWHERE = {
     "integral_action": "needs a position loop", "velocity_filter": "needs a drive's loop",
     "position_gain": "needs a drive's loop", "damping_gain": "needs a drive's loop",
     "held_loop": "needs a drive's loop", "euler_steps": "needs a drive's loop",
+    "transmission_compliance": "needs a rigid joint",
 }  # fmt: skip
 
 

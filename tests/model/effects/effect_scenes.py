@@ -20,6 +20,16 @@ def planar() -> Robot:
     return read_robot("planar2")
 
 
+def rigid(robot: Robot) -> Robot:
+    """Return a robot with rigid transmissions in the place of its elastic ones."""
+
+    def held(joint: Joint) -> Joint:
+        known = {name: value for name, value in joint.parameters.items() if name != "K"}
+        return replace(joint, transmission="rigid", parameters=known)
+
+    return replace(robot, joints=tuple(map(held, robot.joints)))
+
+
 def spatial() -> Robot:
     """Return three joints: turning and elastic, sliding and rigid, turning and elastic; gravity along no axis."""
     body = {"m": 4.0, "cx": -0.3, "cy": 0.1, "cz": 0.05, "Ixx": 0.2, "Iyy": 0.3, "Izz": 0.25, "Ixy": 0.01,

@@ -26,7 +26,8 @@ BOTH = ("planar_scene", "spatial_scene")
 IN_MOTION = "kp", "kd", "filter", "hold", "step"
 """How a drive filters, and when it acts, is in the simulated motion: no column holds it."""
 CASES = [(name, which) for name in LIBRARY for which in BOTH if LIBRARY[name].of_drive not in IN_MOTION]
-AT_ONCE = [(name, which) for name, which in CASES if not LIBRARY[name].corrects and not LIBRARY[name].memory]
+OVER_TIME = {name for name, kind in LIBRARY.items() if kind.corrects or kind.memory or kind.quasi_static}
+AT_ONCE = [(name, which) for name, which in CASES if name not in OVER_TIME]
 """Without effects whose columns are derivatives over neighbouring samples; simulated in the log, not at an instant."""
 
 
