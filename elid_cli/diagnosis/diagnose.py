@@ -18,7 +18,7 @@ from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.quieter_log import AGAIN, quieter
 from elid_cli.diagnosis.fit.state import State, fit
-from elid_cli.diagnosis.held_below import held_below
+from elid_cli.diagnosis.held_below import held_below, where_declared_hold
 from elid_cli.diagnosis.lower_cutoff import looked_closer, names_of
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.diagnosis.search.absorbed import with_absorbed
@@ -200,6 +200,7 @@ def diagnose_torque(
     for once more with others held out.
     """
     chosen = options_given("diagnose", options, DiagnoseOptions)
+    signals = where_declared_hold(robot, signals)
     told = _by_torque(robot, signals, chosen, progress, usual)
     if not told.partial and any(item.variable == HELD_OUT for item in told.unexplained):
         seen = _by_torque(robot, signals, chosen, progress, usual, others=True)

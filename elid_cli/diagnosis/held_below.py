@@ -13,7 +13,14 @@ from elid_cli.diagnosis.fit.quieter_log import QUIET
 from elid_cli.diagnosis.lower_cutoff import LEAST
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.errors import DataError
+from elid_cli.estimation.cutoff import at_best_cutoff
+from elid_cli.estimation.result import EstimateOptions
+from elid_cli.estimation.slow_effects import declares_slow
+from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
+from elid_cli.model.regressor import Regressor
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import Signals
 
 FACTORS = (0.8, 0.5, 0.3, 0.2)
@@ -64,6 +71,16 @@ def held_below(
         if not other.unexplained and any(effect.effect in kinds for effect in other.effects):
             return replace(other, searched_at=tuple(searched))
     return told
+
+
+def where_declared_hold(robot: Robot, signals: Signals) -> Signals:
+    """Return a log below the usual cut-off where the robot declares effects whose form does not hold up to it."""
+    usual = SignalOptions.for_diagnosis(1.0 / signals.dt).cutoff
+    if not declares_slow(robot) or signals.recording is None or signals.filter.cutoff != usual:
+        return signals
+    model = Regressor(robot)
+    below, _ = at_best_cutoff(model, find_base(model), replace(signals, cutoff_free=True), EstimateOptions())
+    return replace(signals.refiltered(below.filter.cutoff), cutoff_free=False)
 
 
 def _doubted(told: Diagnosis) -> bool:

@@ -18,6 +18,8 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.default_fit import DefaultFit, fit_log
 from elid_cli.estimation.result import EstimateOptions
+from elid_cli.estimation.slow_effects import CUTOFFS, declares_slow, highest_that_holds
+from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.shifts import Shifts, corrected
 from elid_cli.model.regressor import Regressor
@@ -93,7 +95,8 @@ def in_time(signals: Signals, fit: DefaultFit, again: Callable[[Signals], Defaul
 
 def _given(model: Regressor, signals: Signals, options: EstimateOptions) -> bool:
     """Whether the cut-off stands: the user gave it, or shapes of effects lie in faster changes."""
-    return not signals.cutoff_free or (bool(model.robot.effects) and not options.hold)
+    declared = bool(model.robot.effects) and not options.hold and not declares_slow(model.robot)
+    return not signals.cutoff_free or declared
 
 
 def _like(signals: Signals, other: Signals) -> Signals:
@@ -116,6 +119,8 @@ def _best(
     if _given(model, signals, options):
         whole = whole or signals.cutoff_free
         return fit_log(model, base, signals if whole else shown, options), whole
+    if declares_slow(model.robot):
+        return _where_it_holds(base, shown, lambda lower: fit_log(model, base, lower, options)), whole
     hint = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
     if hint.duration < signals.duration:
         other = _tried(base, hint, LOWER[0], lambda lower: fit_log(model, base, lower, options))
@@ -136,13 +141,27 @@ def _best(
     return best, whole
 
 
+def _where_it_holds(base: BaseParameters, signals: Signals, fit: Callable[[Signals], DefaultFit]) -> DefaultFit:
+    """Return the fit at the highest cut-off at which effects whose form holds at low frequencies alone hold."""
+    own = signals.filter.cutoff
+    fits = [fit(signals), *(_tried(base, signals, lower, fit) for lower in CUTOFFS if lower < own)]
+    return highest_that_holds([(_left(one), one) for one in fits if one is not None])
+
+
+def _left(fit: DefaultFit) -> float:
+    """Return the residual over what the sensors' noise alone would leave, of the row that has most of it."""
+    floor = noise_floor(fit.model, fit.signals, fit.observation, fit.standard).rms
+    rest = {row: fit.triangles.rms(fit.solution.values, row) for row in floor if row in fit.triangles.rows}
+    return max((rest[row] / floor[row] for row in rest if floor[row] > 0), default=0.0)
+
+
 def _tried(
     base: BaseParameters, signals: Signals, cutoff: float, fit: Callable[[Signals], DefaultFit]
 ) -> DefaultFit | None:
     """Return the fit at a cut-off, or None where too little is left to judge it by."""
     signals = signals.refiltered(cutoff)
     instants = 2.0 * cutoff * len(signals.outputs) / signals.rate
-    if cutoff >= DEFAULT_CUTOFF or instants * len(signals.still) < ENOUGH * base.count:
+    if cutoff > DEFAULT_CUTOFF or instants * len(signals.still) < ENOUGH * base.count:
         return None
     try:
         return fit(signals)

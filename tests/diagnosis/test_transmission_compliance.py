@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
+from elid_cli import identified_robot
+from elid_cli.diagnosis import Diagnosis, diagnose
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.simulation import ControlOptions, SensorOptions, SimulationOptions, simulate
-from elid_cli.robot.robot import Joint, Robot
-from elid_cli.signals.signals import prepare
+from elid_cli.robot.robot import EffectSpec, Joint, Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import DEFAULT_CUTOFF, prepare
 from tests.model.effects.effect_scenes import rigid
 
 NAME = "transmission_compliance"
@@ -30,8 +35,8 @@ def arm(scale: float) -> Robot:
     return Robot(name="arm", gravity=(0.0, -9.81, 0.0), joints=tuple(joints))
 
 
-def told(scale: float, seed: int, *, only: tuple[str, ...] = ()) -> Diagnosis:
-    """Return the diagnosis of a log of the motors; of the robot, geometry and rotors are known."""
+def logged(scale: float, seed: int) -> tuple[Robot, Recording]:
+    """Return the robot as its file has it, with known geometry and rotors, and a log of its motors."""
     elastic = arm(scale)
     sensors = SensorOptions(position_noise=2e-6, torque_noise_relative=0.002)
     options = SimulationOptions(
@@ -41,10 +46,19 @@ def told(scale: float, seed: int, *, only: tuple[str, ...] = ()) -> Diagnosis:
     log = replace(log, q=np.full_like(log.q, np.nan))
     plain = rigid(elastic)
     known = [replace(joint, parameters={"Jm": joint.parameters["Jm"]}) for joint in plain.joints]
-    robot = replace(plain, joints=tuple(known))
-    found = diagnose(robot, prepare(log, robot), DiagnoseOptions(only=only))
+    return replace(plain, joints=tuple(known)), log
+
+
+def told(scale: float, seed: int) -> Diagnosis:
+    robot, log = logged(scale, seed)
+    found = diagnose(robot, prepare(log, robot))
     assert isinstance(found, Diagnosis)
     return found
+
+
+def right(joint: str | None, parameters: Mapping[str, float], errors: Mapping[str, float]) -> bool:
+    true = 1.0 / STIFFNESS[int(str(joint)[1]) - 1]
+    return abs(parameters["compliance"] - true) < 4 * errors["compliance"] < 1.2 * true
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -52,11 +66,21 @@ def test_it_is_named_at_all_joints_with_the_right_stiffness(seed: int) -> None:
     found = told(1.0, seed)
     assert {(effect.effect, effect.joint) for effect in found.effects} == {(NAME, "j1"), (NAME, "j2")}
     assert not found.unexplained
-    for effect in found.effects:
-        value, error = effect.parameters["compliance"], effect.std_error["compliance"]
-        true = 1.0 / STIFFNESS[int(effect.joint[1]) - 1]  # type: ignore[index]
-        assert abs(value - true) < 4 * error
-        assert error < 0.3 * true
+    assert all(right(effect.joint, effect.parameters, effect.std_error) for effect in found.effects)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_declared_one_is_fitted_where_its_form_holds(seed: int) -> None:
+    robot, log = logged(1.0, seed)
+    declared = replace(robot, effects=tuple(EffectSpec(NAME, joint, {}) for joint in robot.joint_names))
+    found, usual = (identify(one, prepare(log, one)) for one in (declared, robot))
+    assert found.settings["cutoff"] < DEFAULT_CUTOFF
+    assert all(right(effect.joint, effect.parameters, effect.std_error) for effect in found.effects)
+    said = [validate(one, prepare(log, one)) for one in (identified_robot(found), identified_robot(usual))]
+    assert said[0].settings["cutoff"] < DEFAULT_CUTOFF
+    right_now, before = (max(error.relative for error in one.error.values()) for one in said)
+    assert right_now < min(0.01, before)
+    assert max(row.ratio or 0.0 for row in found.noise) < 1.3 < max(row.ratio or 0.0 for row in usual.noise)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -43,7 +43,7 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
 
     with progress(output, "reading") as advance:
         from elid_cli.estimation.stretches import search_folds, spans
-        from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
+        from elid_cli.estimation.validation.prediction import ByLog, errors_by_log, where_it_holds
         from elid_cli.estimation.validation.prediction import validate as judge
         from elid_cli.estimation.validation.sufficiency import judge_prediction
         from elid_cli.report.answers.validation import validation_report
@@ -51,6 +51,8 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
         robot = source.robot
         machine = load_robot(robot)
         recording, signals = read_source(source, machine, output, advance)
+        if source.conditioning.cutoff is None:
+            signals = where_it_holds(machine, signals)
         chosen = search_folds(len(signals.outputs)) < 0 if part.held_out else None
         found = judge(machine, signals, chosen)
         stretches = () if chosen is None else spans(found.observation.t, chosen)

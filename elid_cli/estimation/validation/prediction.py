@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.scene_with_effects import with_effects
+from elid_cli.estimation.slow_effects import CUTOFFS, declares_slow, highest_that_holds
 from elid_cli.estimation.validation.cross_validation import errors_of_rows
+from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.effect import Effect
@@ -28,6 +30,8 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals, check_signals
 from elid_cli.tables import Shown
 
+LEAST = 100
+"""Instants that a lower cut-off must leave to be tried."""
 MOSTLY = 0.5
 """Part of the squared error left from which a constant is most of it."""
 
@@ -96,6 +100,8 @@ def validate(
         These are no signals, or those of other joints; instants that are not those of the log, or none of them.
     """
     check_signals(signals, robot)
+    if signals.cutoff_free and chosen is None and observation is None:
+        signals = where_it_holds(robot, signals)
     turned = bool(declared_pose(robot))
     asked, described, logged = signals, robot, signals
     robot, signals = with_loops(as_posed(as_observed(robot, signals)), signals)
@@ -131,6 +137,29 @@ def validate(
     return Validation(
         described, errors, residual, observation, logged, signals, model, standard, acting, chosen, settings
     )
+
+
+def where_it_holds(robot: Robot, signals: Signals) -> Signals:
+    """Return a log at the highest cut-off at which declared effects whose form holds at low frequencies alone hold.
+
+    A robot that declares none has it as it is.
+    """
+    own = signals.filter.cutoff
+    if not declares_slow(robot):
+        return signals
+    tried: list[tuple[float, Signals]] = []
+    for cutoff in (own, *(lower for lower in CUTOFFS if lower < own)):
+        lower = replace(signals.refiltered(cutoff), cutoff_free=False)
+        if tried and len(lower.outputs) < LEAST:
+            break
+        tried.append((_left(validate(robot, lower)), lower))
+    return highest_that_holds(tried)
+
+
+def _left(told: Validation) -> float:
+    """Return the residual over what the sensors' noise alone would leave, of the joint that has most of it."""
+    floor = noise_floor(told.model, told.corrected, told.observation, told.standard).rms
+    return max(told.error[told.robot.joint_names[row.joint]].rms / floor[row] for row in floor if row.kind == "sum")
 
 
 def _instants(chosen: object, count: int) -> NDArray[np.bool_] | None:
