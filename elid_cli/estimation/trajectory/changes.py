@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.beside import SETTLED, Beside
-from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.change_steps import GOES_ON, refitted_as, stepped_to
+from elid_cli.estimation.trajectory.change_steps import nearer_by as nearer_by  # others have it from here
+from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit
 from elid_cli.estimation.trajectory.memory import has_memory
-from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.own_values import with_own_values_again
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.of_drives import TUNED
@@ -34,11 +34,6 @@ HOPEFUL = 0.5
 """Part of what a change must reach by which the error must fall: by first order with the first step …"""
 TRIED = 2
 """… and in fact from this step on, from 0."""
-QUICK = 6
-"""Most motions of a fit whose slopes are computed for one step of the numbers."""
-GOES_ON = 0.02
-"""The same by which a step that is within the errors must lower it for more to follow: an error that is not yet noise
-makes errors of the numbers too large."""
 STILL = 1e-9
 """rad (m) by which positions change with 1 of a number that no joint feels."""
 
@@ -57,6 +52,8 @@ class Change(ABC):
     little: bool = False
     """Whether it counts however little nearer it brings the motion, where nothing but noise is left with it: it bends
     other values by many of their errors."""
+    curved: bool = False
+    """Whether its error falls to a narrow bottom that a whole step may jump over: steps that end farther are halved."""
     whole: bool = False
     """Whether it is named only where all but noise is explained with it: what else is missing may imitate it."""
 
@@ -81,6 +78,10 @@ class Change(ABC):
     def run(self, plain: Run, values: Array) -> Run:
         """Return a stretch with drives that are changed by values, (count,)."""
         return plain
+
+    def beside(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return the unknowns (U,) that a fit with values to begin with, (count,), begins with."""
+        return fit.z
 
     def ratio(self, count: int, values: Array) -> Array:
         """Return the computed torque over the one that acts, beyond what is declared, of `count` joints, (count,)."""
@@ -190,11 +191,6 @@ def _least(robot: Robot) -> float:
     return max(CLEARLY, PER_JOINT * robot.n)
 
 
-def nearer_by(one: TrajectoryFit, other: TrajectoryFit) -> float:
-    """Return the sum over the joints of the logarithm by which the error's size falls from another fit to one."""
-    return float(np.log(other.equations.size / one.equations.size).sum())
-
-
 def least_of(fit: TrajectoryFit) -> float:
     """Return by how much another fit without memory must be nearer to be clearly so, `nearer_by`."""
     return 0.5 * SURE**2 / sum(int(item.counts.sum()) for item in fit.tracked)
@@ -226,7 +222,7 @@ def changed(before: TrajectoryFit, by: Change, start: Array | None = None) -> Ch
     values, robot, plain = np.zeros(by.count), before.unknowns.robot, [item.run for item in before.tracked]
     if start is None:
         return descended(Changed(by, values, values, robot, before), plain, before)
-    fit = _refitted(before, by.robot(robot, start), [by.run(run, start) for run in plain], before.z)
+    fit = refitted_as(before, by.robot(robot, start), [by.run(run, start) for run in plain], by.beside(before, start))
     return None if fit is None else descended(Changed(by, start, values, robot, fit), plain, before, TRIED)
 
 
@@ -278,16 +274,18 @@ def descended(
                 anew = replace(started, values=values, fit=other)
                 return descended(anew, plain, before, max(done, TRIED), known=known)
             break
-        before_it, values = values, np.clip(values + found.steps, -by.most, by.most)
-        if (np.minimum(np.abs(before_it), np.abs(values)) >= by.most).any():  # it wants to be farther than it may
+        stepped = stepped_to(
+            fit, (values, found.steps, found.along), by.most,
+            lambda new: (by.robot(level, new), [by.run(run, new) for run in plain]), halved=by.curved,
+        )  # fmt: skip
+        if stepped is None:
             return None
-        again = _refitted(fit, by.robot(level, values), [by.run(run, values) for run in plain], fit.z + found.along)
-        if again is None:
-            return None
+        values, again = stepped
         fell = nearer_by(again, fit)
         fit = again
         tried = number >= (1 if by.little else TRIED)
-        if before is not None and tried and nearer_by(fit, before) < hopeful and not _counts(by, fit):
+        falls = by.curved and fell > hopeful  # from outside of a valley the way into it leads over worse
+        if before is not None and tried and nearer_by(fit, before) < hopeful and not (falls or _counts(by, fit)):
             return None
     made = Changed(by, values, deviations, level, fit)
     return made if (known or made.sure.any()) and (np.abs(values) < by.most).all() else None
@@ -330,14 +328,3 @@ def changed_joints(
             return found
         left = kept
     return None
-
-
-def _refitted(fit: TrajectoryFit, robot: Robot, runs: Sequence[Run], z: Array) -> TrajectoryFit | None:
-    """Return the fit of another robot or drives, started from z (U,); None where the simulated motion runs away."""
-    own = fit.unknowns
-    unknowns = replace(own, robot=robot, effects=fit.effects)
-    tracked = [replace(Tracked.of(run), usual=item.usual) for run, item in zip(runs, fit.tracked, strict=True)]
-    try:
-        return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), cycles=QUICK)
-    except DataError:
-        return None

@@ -11,6 +11,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.trajectory.beside import moved_by_runs
 from elid_cli.estimation.trajectory.changes import Change, Changed, changed, least_of, nearer_by
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.of_drives import declared_filters
 from elid_cli.model.runs import Run
@@ -37,12 +38,20 @@ class VelocityFilters(Change):
     kind = effect_that(of_drive="filter")
     most = 0.03
     little = True
+    curved = True
 
     def run(self, plain: Run, values: Array) -> Run:
         """Return the stretch under drives with the filters."""
         times = np.array(self.known)
         times[list(self.joints)] += values
         return plain.filtered(np.maximum(times, 0.0))
+
+    def beside(self, fit: TrajectoryFit, values: Array) -> Array:
+        """Return the unknowns with the inertia, (U,), that came out too small without the filters."""
+        z, gains = fit.z.copy(), np.mean([item.run.drives.kd for item in fit.tracked], axis=0)
+        places = len(KINDS) * np.array(self.joints) + KINDS.index("inertia")
+        z[places] += gains[list(self.joints)] * values
+        return z
 
     def named(self, fit: TrajectoryFit, values: Array) -> Array:
         """Return the whole time constants."""
