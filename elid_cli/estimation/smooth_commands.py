@@ -13,6 +13,7 @@ import numpy as np
 
 from elid_cli.errors import DataError, LogError
 from elid_cli.estimation.commanded_rates import rated, with_rates
+from elid_cli.estimation.interpolated_commands import as_interpolated, recording_on_lines
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.trajectory.nearer import Known, first_of, is_quick, nearer_by_motion
 from elid_cli.logs.mapping.resolve import RATE
@@ -39,6 +40,13 @@ WORSE = 1.2
 """Times by which torques may be predicted worse, which noise of the positions is in."""
 SMOOTH = "smooth"
 """What `settings["commands"]` of a fit says whose commands change smoothly from sample to sample."""
+INTERPOLATED = "interpolated"
+"""The same whose commanded positions the drives interpolate."""
+ON_LINES = (
+    "the drives are taken to interpolate the commanded positions: to go to each on a line, over one period of "
+    "commands, with which the motion is clearly nearer. A simulator of this robot must do so as well; a robot file "
+    "does not hold it, and replay finds it again (--commands held: each command acts at once)"
+)
 NOTE = (
     "commands are taken to change smoothly from sample to sample, as where drives are told more often than is logged "
     "(--commands held: as held for their sample)"
@@ -59,12 +67,14 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
     check_signals(signals, robot)
     signals = with_rates(robot, signals)
     recording = signals.recording
-    if recording is None or recording.smooth is not None or not recording.commanded.all():
+    if recording is None or not recording.commanded.all() or recording.smooth is not None or recording.interpolated:
         return signals
     signals = replace(signals, recording=replace(recording, inferred=True))
     held, smooth = replace(signals, recording=replace(recording, smooth=False, inferred=True)), as_read(signals)
     known: Known = {}
     try:
+        if (lines := as_interpolated(robot, held, known)) is not None:
+            return replace(lines, first=first_of(known, lines))
         found = _is_smooth(robot, held, smooth, known)
     except DataError:  # nothing can be fitted, which whoever asks will say
         return held
@@ -95,6 +105,7 @@ def recorded_as_told(
         return recording
     if like is not None:
         same = replace(recording, smooth=like.smooth)
+        same = recording_on_lines(same) if like.interpolated else same
         decided = like.sources.get("dq_des") == RATE and "dq_des" not in same.commands
         return rated(robot, same) if decided else same
     try:
@@ -116,12 +127,15 @@ def noted(found: Identification, recording: Recording | None) -> Identification:
     if recording is None:
         return found
     settings = dict(found.settings)
+    new = recording.changing and "commands" not in settings
+    if recording.interpolated:
+        settings["commands"] = INTERPOLATED
     if recording.smooth:
         settings["commands"] = SMOOTH
     if recording.sources.get("dq_des") == RATE:
         settings["dq_des"] = RATE
-    new = recording.smooth and found.settings.get("commands") != SMOOTH
-    return replace(found, notes=(*found.notes, NOTE) if new else found.notes, settings=settings)
+    note = ON_LINES if recording.interpolated else NOTE
+    return replace(found, notes=(*found.notes, note) if new else found.notes, settings=settings)
 
 
 def _is_smooth(robot: Robot, held: Signals, smooth: Signals, known: Known) -> bool | None:

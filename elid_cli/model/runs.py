@@ -61,6 +61,8 @@ class Run:
     """What kp and kd make of `told`, kp q_des and kd dq_des, N·m (N), (N, n) each; the rest is tau_ff."""
     smooth: bool | None = None
     """Whether commands change smoothly from sample to sample: the drives were told more than the log holds."""
+    interpolated: bool = False
+    """Whether commands change on a line from sample to sample."""
     begun: float = 0.0
     """Samples from the start of the recording to that of the stretch."""
     quick: int = 1
@@ -81,7 +83,7 @@ class Run:
         if self.told is None:
             return self
         steps = finer * len(self.drives.told) // (len(self.t) - 1)
-        way, samples, lag = _way(commanded, self.smooth), (late + self.extra) / self.dt, None
+        way, samples, lag = _way(commanded, self.smooth, self.interpolated), (late + self.extra) / self.dt, None
         if self.drives.held is not None:  # a loop is told commands at its samples, the rest passes before it acts
             parts = parts_of_loops(self.drives.held)
             whole = np.where(self.drives.held > 0, np.round(samples * parts) / parts, samples)
@@ -202,7 +204,8 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     both, chain = np.concatenate([link, motor[:, elastic]], axis=1), chains_of(robot)
     coupled = np.bincount(chain, minlength=len(chain))[chain] > 1  # what moves alone has one inertia everywhere
     quick = quickness([both[own.start : own.stop, coupled] for own in recording.segments], recording.dt)
-    steps, way = quick * math.ceil(recording.dt / STEP / quick), _way(commanded, recording.smooth)
+    steps = quick * math.ceil(recording.dt / STEP / quick)
+    way = _way(commanded, recording.smooth, recording.interpolated)
     begun = (recording.t - _first_times(recording)) / recording.dt
     piece = None if horizon is None else max(round(horizon / recording.dt), SHORTEST)
     runs = []
@@ -229,7 +232,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen,
                             aim=None if aims is None or before is None else aims[part] - before[a],
                             parts=None if parts is None else (parts[0][part], parts[1][part]), smooth=recording.smooth,
-                            begun=float(begun[a]), quick=quick))  # fmt: skip
+                            interpolated=recording.interpolated, begun=float(begun[a]), quick=quick))  # fmt: skip
     return runs
 
 
@@ -276,9 +279,12 @@ def starting(dt: float) -> int:
     return int(np.clip(round(STARTING / dt) + 1, LEAST, MOST))
 
 
-def _way(commanded: bool, smooth: bool | None) -> Literal["held", "smooth", "line"]:
-    """Return how values go on between samples: commands are held for theirs or smooth, torques are on a line."""
-    if not commanded:
+def _way(commanded: bool, smooth: bool | None, interpolated: bool) -> Literal["held", "smooth", "line"]:
+    """Return how values go on between samples: commands are held for theirs or smooth, torques are on a line.
+
+    As are commanded positions that drives interpolate.
+    """
+    if not commanded or interpolated:
         return "line"
     return "smooth" if smooth else "held"
 

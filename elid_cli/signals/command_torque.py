@@ -49,7 +49,7 @@ def _stairs(recording: Recording, name: str) -> tuple[Array, Array]:
     """Return what a command's stairs amount to below the sample rate, and its mean over a sample, (N, n) each."""
     bounds = [(segment.start, segment.stop) for segment in recording.segments]
     held = held_mean(recording.commands[name], bounds)
-    return recording.commands[name] if recording.smooth else smoothed_stairs(held, bounds), held
+    return recording.commands[name] if recording.changing else smoothed_stairs(held, bounds), held
 
 
 def error_integrals(recording: Recording) -> Array | None:

@@ -84,6 +84,9 @@ class Recording(Shown):
     are held; None: nobody said, and they count as held."""
     doubted: bool = False
     """Whether they may as well be the other of the two: neither the log nor anybody says."""
+    interpolated: bool = False
+    """Whether drives go to each commanded position on a line over one period of commands: `q_des` is that line then,
+    and commands change on lines from sample to sample."""
     inferred: bool = False
     """Whether `smooth` is what the motion says: nobody said."""
     segments: tuple[Segment, ...] = ()
@@ -113,6 +116,11 @@ class Recording(Shown):
         several = {**self.commands, **self.gyro, **self.accel}
         values: Array | None = several[name] if name in several else getattr(self, name, None)
         return values
+
+    @property
+    def changing(self) -> bool:
+        """Whether commands change between samples, smoothly or on lines, and are not held for theirs."""
+        return bool(self.smooth) or self.interpolated
 
     @property
     def turning(self) -> NDArray[np.bool_]:

@@ -118,7 +118,7 @@ def with_held_loops(fit: TrajectoryFit, signals: Signals, free: TrajectoryFit | 
         return fit
     # where something else is missing loops must take away much
     much = PART * fit.unknowns.robot.n if (above > NEAR).any() else 0.0
-    if recording.smooth:  # what passes between samples is not logged well enough
+    if recording.changing:  # what passes between samples is not logged well enough
         return replace(fit, unseen=by_delay(free, recording))
     step = commands_step(recording)
     if not negative(fit).any() and not matters(fit, recording).any():

@@ -156,7 +156,7 @@ def fit_of(
             errors[list(known.by.joints)] = known.deviations
             fit, columns = known.aware(), columns_of(known.fit)
         alone: Beside | None = of_every(fit)
-        apart = late_joints(fit, alone)
+        apart, common = late_joints(fit, alone), fit
         if apart is not None and apart.is_nearer(fit):
             if is_unsure(apart.fit):  # what delays of their own bring looked like friction that fades in
                 hard = fit_with_columns(robot, runs, start, effects, amplitudes, late=delays, soft=False)[0]
@@ -173,8 +173,9 @@ def fit_of(
             timed = as_doubtful(anew, timed) if nearer_by(anew, timed) > CLEARLY else timed
         timed = with_doubted_commands(timed, signals)
         columns = columns if timed.tracked is fit.tracked else columns_of(timed)
-        fit = with_filters_in_doubt(timed, signals)
-    return as_last(fit, differing(fit)), other_bodies(fit, columns)
+        fit = with_filters_in_doubt(timed, signals, None if alone else common)
+    # what filters of velocity explain asks for no other bodies
+    return as_last(fit, differing(fit)), {} if np.any(fit.filters) else other_bodies(fit, columns)
 
 
 def unsuited(robot: Robot) -> str:

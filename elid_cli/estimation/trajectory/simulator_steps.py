@@ -73,7 +73,7 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     if (fit.above_noise(signals) > FAR).any():
         looped = with_held_loops(fit, signals, free)
         return fit if looped.tracked is fit.tracked else with_steps(looped, signals)
-    if recording.smooth:  # drives that are told more often than is logged act more often, too
+    if recording.changing:  # drives that are told more often than is logged act more often, too
         return with_held_loops(fit, signals, free)
     stepped = with_steps(free, signals)
     nearer = stepped is not free and clearly_nearer(stepped, fit)
@@ -81,10 +81,10 @@ def with_drives_in_time(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     if nearer:  # a controller may run less often than its simulator steps
         beside = with_held_loops(stepped, signals)
         stepped = beside if beside.tracked is not stepped.tracked else replace(stepped, unseen=beside.unseen)
-    if looped.tracked is not fit.tracked:
+    if nearer or looped.tracked is not fit.tracked:
         # a filter of the velocity makes inertia and friction come out too small as well
         filtered = velocity_filters(free)
-        if filtered is not None and nearer_by(filtered.fit, looped) > 0:
+        if filtered is not None and all(nearer_by(filtered.fit, one) > 0 for one in (looped, stepped)):
             return filters_in_doubt(_in_doubt(fit, free, signals), filtered)
     if looped.tracked is fit.tracked:
         return _settled(stepped, step=commands_step(recording)) if nearer else _in_doubt(looped, free, signals)
@@ -141,7 +141,7 @@ def with_steps(fit: TrajectoryFit, signals: Signals) -> TrajectoryFit:
     """Return the fit to a simulator's steps where the motion is clearly nearer so, else the given one."""
     recording = signals.recording
     declared = of_drives.has_steps(fit.unknowns.robot)
-    if recording is None or recording.smooth or declared or (fit.above_noise(signals) > FAR).any():
+    if recording is None or recording.changing or declared or (fit.above_noise(signals) > FAR).any():
         return fit
     every = [in_steps(fit, "explicit", recording.dt / each) for each in _asked(fit, signals)]
     found = [one for one in every if one is not None]
@@ -227,7 +227,7 @@ def _in_doubt(fit: TrajectoryFit, free: TrajectoryFit, signals: Signals) -> Traj
     `free` is the fit with a delay, where the given one has none: what that moves counts, too.
     """
     recording = signals.recording
-    lead = 0.0 if recording is None or recording.smooth else _lead(free, min(LEAST * recording.dt, SLIGHT))
+    lead = 0.0 if recording is None or recording.changing else _lead(free, min(LEAST * recording.dt, SLIGHT))
     if not lead or of_drives.has_steps(fit.unknowns.robot):
         return fit
     if recording is not None and lead > LONGEST * recording.dt:  # no steps are longer than a sample

@@ -78,8 +78,10 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
         )  # fmt: skip
     answer = identification_of(found, fit, signals, bodies)
     worse = _worse(found, answer)
-    # where the motion leaves nothing but noise, the torque is at fault: velocities that it was computed from are late
-    if worse > FARTHER and not is_at_noise(dict(enumerate(fit.above_noise(signals).tolist())), fit):
+    # where the motion leaves nothing but noise, the torque is at fault: velocities that it was computed from are late;
+    # and filters of velocity are nothing that least squares know of: they hide in their inertia and friction
+    right = bool(np.any(fit.filters)) or is_at_noise(dict(enumerate(fit.above_noise(signals).tolist())), fit)
+    if worse > FARTHER and not right:
         return _told(
             found, f"{COMPUTED}; but that of the motion, with the bodies of {found.robot.name}, predicts torque that "
             f"was not fitted {worse:.2g} times as badly (--fit trajectory)",

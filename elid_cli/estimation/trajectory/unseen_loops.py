@@ -66,5 +66,5 @@ def by_delay(fit: TrajectoryFit, recording: Recording) -> float:
     dt = recording.dt
     if not fit.delays.any():
         return dt
-    late = fit.delays + DEVIATIONS * fit.deviation[fit.unknowns.delays] + (0.0 if recording.smooth else 0.5 * dt)
+    late = fit.delays + DEVIATIONS * fit.deviation[fit.unknowns.delays] + (0.0 if recording.changing else 0.5 * dt)
     return min(max(dt, LONGEST), 2.0 * max(float(late.max()), 0.0))

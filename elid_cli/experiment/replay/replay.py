@@ -97,9 +97,11 @@ class Replay(Shown):
     """The file that MuJoCo simulated, where it did not simulate the exported robot."""
 
     @property
-    def commands(self) -> Literal["held", "smooth"] | None:
+    def commands(self) -> Literal["held", "smooth", "interpolated"] | None:
         """What commands are taken to do between samples; None where torques drive the robot."""
-        return None if self.driven_by == "torque" else "smooth" if self.recording.smooth else "held"
+        if self.driven_by == "torque" or self.recording.interpolated:
+            return None if self.driven_by == "torque" else "interpolated"
+        return "smooth" if self.recording.smooth else "held"
 
     @property
     def difference(self) -> Array:

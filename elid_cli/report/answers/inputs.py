@@ -30,13 +30,15 @@ def robot_payload(robot: Robot) -> dict[str, Any]:
 
 def log_payload(recording: Recording) -> dict[str, Any]:
     """Return the object ``log`` of JSON."""
-    means = recording.mean_temperatures()
+    means, way = recording.mean_temperatures(), None
+    if recording.interpolated or recording.smooth is not None:
+        way = "interpolated" if recording.interpolated else "smooth" if recording.smooth else "held"
     return {
         **picked(recording, "files sha256 samples duration rate"),
         "segments": len(recording.segments),
         **picked(recording, "sources repairs notes warnings"),
         **({"temperature": means} if means else {}),
-        **({} if recording.smooth is None else {"commands": "smooth" if recording.smooth else "held"}),
+        **({} if way is None else {"commands": way}),
     }
 
 
@@ -49,8 +51,10 @@ def heading(robot: Robot, recording: Recording | None = None) -> Text:
 def recorded_items(robot: Robot, recording: Recording) -> Items:
     """Return what the logs hold and what was repaired."""
     computed = recording.commanded
+    between = " (smooth between samples)" if recording.smooth else ""
+    between = " (interpolated by the drives)" if recording.interpolated else between
     present = [name for name in SIGNALS if _has(recording, name) and not (name == "tau" and computed.all())]
-    present += [f"commands{' (smooth between samples)' if recording.smooth else ''}"] if computed.any() else []
+    present += [f"commands{between}"] if computed.any() else []
     stretches = f" in {len(recording.segments)} segments" if len(recording.segments) > 1 else ""
     line = (
         f"{_value(recording.duration)} s at {_value(recording.rate)} Hz{stretches}, "

@@ -141,9 +141,10 @@ def _facts(replays: Sequence[Replay]) -> tuple[tuple[str, Cell], ...]:
     first = replays[0]
     seconds = sum(item.recording.duration for item in replays)
     ways = {item.commands for item in replays}
-    between = "in some logs held for their sample, in others smooth between samples"
+    between = "in some logs held for their sample, in others smooth between samples or interpolated by the drives"
     if len(ways) == 1:
-        between = "smooth between its samples" if "smooth" in ways else "held for its sample"
+        words = {"smooth": "smooth between its samples", "interpolated": "interpolated by the drives over its period"}
+        between = words.get(next(iter(ways)) or "", "held for its sample")
     drive = f"what the log commanded, {between}" if first.driven_by == "commands" else "the log's torque"
     restart = "the first pose of every stretch" if first.horizon is None else (
         f"the measured state, every {number_text(first.horizon)} s")  # fmt: skip
