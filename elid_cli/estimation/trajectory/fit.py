@@ -80,6 +80,8 @@ class TrajectoryFit:
     """By how much later than here the drives of joints may act, s, (n,), negative earlier: the errors count it."""
     filters: Array | float = 0.0
     """Time constants of filters of velocity with which the motion is nearer, s, (n,): the errors count them."""
+    open_filters: tuple[tuple[int, float, float], ...] = ()
+    """Filters of velocity that the robot declares without a time: joint, time constant and standard error, s."""
     at_once: bool = False
     """Whether drives whose loops act all the time are clearly nearer than ones that hold their torque for a sample."""
     either: bool = False

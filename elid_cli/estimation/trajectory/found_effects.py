@@ -59,6 +59,10 @@ def fitted_effects(robot: Robot, fit: TrajectoryFit) -> tuple[FittedEffect, ...]
         places = np.concatenate([np.arange(part.start, part.stop), at])
         errors = _named_errors(effect, scene, z[part], shapes, fit.covariance[np.ix_(places, places)])
         found.append(FittedEffect(effect.name, robot.joint_names[effect.joint], effect.named(scene, z[part]), errors))
+    kind = effect_that(of_drive="filter")
+    (time,) = (parameter.name for parameter in kind.amplitudes)
+    found += [FittedEffect(kind.name, robot.joint_names[joint], {time: value}, {time: error})
+              for joint, value, error in fit.open_filters]  # fmt: skip
     return tuple(found)
 
 

@@ -47,7 +47,7 @@ from elid_cli.estimation.trajectory.simulator_steps import (
 from elid_cli.estimation.trajectory.softening import columns_of, is_unsure
 from elid_cli.estimation.trajectory.timing_doubts import as_doubtful
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
-from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt
+from elid_cli.estimation.trajectory.velocity_filters import with_filters_in_doubt, with_open_filters
 from elid_cli.estimation.trajectory.words import (
     bodies_words,
     command_words,
@@ -173,7 +173,9 @@ def fit_of(
             timed = as_doubtful(anew, timed) if nearer_by(anew, timed) > CLEARLY else timed
         timed = with_doubted_commands(timed, signals)
         columns = columns if timed.tracked is fit.tracked else columns_of(timed)
-        fit = with_filters_in_doubt(timed, signals, None if alone else common)
+        fit = with_open_filters(timed, None if alone else common)
+        columns = columns if fit is timed else columns_of(fit)
+        fit = with_filters_in_doubt(fit, signals, None if alone or fit is not timed else common)
     # what filters of velocity explain asks for no other bodies
     return as_last(fit, differing(fit)), {} if np.any(fit.filters) else other_bodies(fit, columns)
 

@@ -284,7 +284,10 @@ def _like(run: Run, other: Run) -> Run:
 
 def as_timed(robot: Robot, fit: TrajectoryFit, signals: Signals) -> Signals:
     """Return the signals with torques of drives, or in steps, that a fit found; declared ones were before."""
-    run = fit.tracked[0].run
+    run, times = fit.tracked[0].run, np.zeros(robot.n)
+    for joint, time, _ in fit.open_filters:
+        times[joint] = time
+    signals = of_drives.with_filters(signals, times)
     if run.drives.held is not None and not declared_loops(robot).any():
         signals = of_drives.with_held_loops(signals, run.drives.held)
     if run.drives.stepped is not None and not of_drives.has_steps(robot):

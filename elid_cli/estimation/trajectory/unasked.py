@@ -80,8 +80,8 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
     worse = _worse(found, answer)
     # where the motion leaves nothing but noise, the torque is at fault: velocities that it was computed from are late;
     # and filters of velocity are nothing that least squares know of: they hide in their inertia and friction
-    right = bool(np.any(fit.filters)) or is_at_noise(dict(enumerate(fit.above_noise(signals).tolist())), fit)
-    if worse > FARTHER and not right:
+    filtered = bool(np.any(fit.filters) or fit.open_filters)
+    if worse > FARTHER and not (filtered or is_at_noise(dict(enumerate(fit.above_noise(signals).tolist())), fit)):
         return _told(
             found, f"{COMPUTED}; but that of the motion, with the bodies of {found.robot.name}, predicts torque that "
             f"was not fitted {worse:.2g} times as badly (--fit trajectory)",

@@ -13,7 +13,7 @@ from elid_cli.estimation.trajectory.changes import Change, Changed, changed, lea
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.model.effects import effect_that
-from elid_cli.model.effects.of_drives import declared_filters
+from elid_cli.model.effects.of_drives import declared_filters, open_filters
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -122,6 +122,22 @@ def with_filters_in_doubt(fit: TrajectoryFit, signals: Signals, common: Trajecto
         return fit
     imitate = (above > NEAR).any() and (found.fit.above_noise(signals) > NEAR).any()
     return fit if imitate else filters_in_doubt(fit, found)
+
+
+def with_open_filters(fit: TrajectoryFit, common: TrajectoryFit | None = None) -> TrajectoryFit:
+    """Return a fit with the filters of velocity that its robot declares without a time; as it is where it shows none.
+
+    `common` is as `with_filters_in_doubt` has it.
+    """
+    joints = open_filters(fit.unknowns.robot)
+    if not joints:
+        return fit
+    near = fit if common is None else common
+    found = changed(near, filters_of(near.unknowns.robot, joints), np.full(len(joints), BEGUN))
+    if found is None:
+        return fit
+    each = zip(joints, found.values.tolist(), found.deviations.tolist(), strict=True)
+    return replace(found.aware(), open_filters=tuple(each))
 
 
 def filters_in_doubt(fit: TrajectoryFit, found: Changed) -> TrajectoryFit:

@@ -17,7 +17,7 @@ from elid_cli.estimation.trajectory.simulator_steps import LONGEST
 from elid_cli.estimation.trajectory.timing_doubts import step_of
 from elid_cli.estimation.trajectory.unknowns import KINDS
 from elid_cli.model.effects import effect_that
-from elid_cli.model.effects.of_drives import declared_loops, has_steps
+from elid_cli.model.effects.of_drives import declared_loops, has_steps, open_filters
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
@@ -104,9 +104,12 @@ def doubt_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
 def filter_words(robot: Robot, fit: TrajectoryFit) -> tuple[str, ...]:
     """Return that the motion is nearer with filters of the drives' velocity, in a sentence; none where it is not."""
     times = np.broadcast_to(fit.filters, robot.n)
-    slow = np.flatnonzero(times)
+    slow, none = np.flatnonzero(times), open_filters(robot) if not fit.open_filters else ()
     if not len(slow):
-        return ()
+        return () if not none else (
+            f"{effect_that(of_drive='filter').name} of {in_words([robot.joint_names[k] for k in none])} is declared "
+            "without a time, and this motion shows none: none is taken",
+        )  # fmt: skip
     return (
         f"the motion of {in_words([robot.joint_names[k] for k in slow])} is nearer with a filter of the velocity that "
         f"the drive damps by, of {_span(1e3 * times[slow])} ms. Without it, as here, motor "

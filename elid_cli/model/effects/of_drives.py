@@ -78,6 +78,13 @@ def declared_filters(robot: Robot) -> Array:
     return np.maximum(_declared(robot, "filter"), 0.0)
 
 
+def open_filters(robot: Robot) -> tuple[int, ...]:
+    """Return the joints whose drives filter the velocity by what a robot declares without a time."""
+    kinds = [(*resolve(robot, spec), spec) for spec in robot.effects]
+    return tuple(joint for kind, joint, spec in kinds
+                 if kind.of_drive == "filter" and kind.amplitudes[0].name not in spec.parameters)  # fmt: skip
+
+
 def declared_loops(robot: Robot) -> Array:
     """Return the time for which every joint's drive holds its torque, s, (n,); 0 of one that acts all the time."""
     return np.maximum(_declared(robot, "hold"), 0.0)
