@@ -27,10 +27,19 @@ BY_FAR = 0.7
 lacks may look so. Measured: 1.6 to 5 for ramps, beside filters of velocity and Stribeck friction as well; 0.7 at most
 for loops, filters, backlash and springs under stairs, and drives are ahead of ramps then; for targets that a drive
 filters over a third of their period, 0.7 at most as well."""
+LITTLE = 0.1
+"""The same by which it falls where drives may filter what they are told, which nothing here simulates."""
+FILTERED = (
+    "the motion seems late by {:.2g} ms of the {:.2g} ms from one command to the next, and is nearer, though not near, "
+    "with commands that the drives interpolate: drives that filter the commanded positions look so, which elid does "
+    "not hold. Friction and inertia make up for it, and may be biased by many of their standard errors"
+)
 
 
-def as_interpolated(robot: Robot, held: Signals, known: Known) -> Signals | None:
+def as_interpolated(robot: Robot, held: Signals, known: Known) -> tuple[Signals | None, tuple[str, ...]]:
     """Return a log whose drives interpolate the commanded positions, where the motion is clearly nearer so; else None.
+
+    With it, what to warn of where it is nearer, but neither clearly nor near.
 
     Parameters
     ----------
@@ -41,15 +50,20 @@ def as_interpolated(robot: Robot, held: Signals, known: Known) -> Signals | None
     """
     recording = held.recording
     if recording is None or not commands_step(recording) or period_of(recording) < 2:
-        return None
+        return None, ()
     late = nearer_by_motion(robot, held, held, known=known)
-    if late is None or late.delays[0] < LATE * period_of(recording) * recording.dt:
-        return None
+    period = period_of(recording) * recording.dt
+    if late is None or late.delays[0] < LATE * period:
+        return None, ()
     lines = on_lines(held)
     nearer = nearer_by_motion(robot, held, lines, known=known)
-    if nearer is None or nearer.delays[1] < -EARLIEST * recording.dt:
-        return None
-    return lines if nearer.by > (0.0 if nearer.at_noise else BY_FAR * robot.n) else None
+    if nearer is None:
+        return None, ()
+    ahead = nearer.delays[1] < -EARLIEST * recording.dt
+    if not ahead and nearer.by > (0.0 if nearer.at_noise else BY_FAR * robot.n):
+        return lines, ()
+    doubted = nearer.by > LITTLE * robot.n and not late.at_noise
+    return None, (FILTERED.format(1e3 * late.delays[0], 1e3 * period),) if doubted else ()
 
 
 def on_lines(signals: Signals) -> Signals:

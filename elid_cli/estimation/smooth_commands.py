@@ -73,7 +73,8 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
     held, smooth = replace(signals, recording=replace(recording, smooth=False, inferred=True)), as_read(signals)
     known: Known = {}
     try:
-        if (lines := as_interpolated(robot, held, known)) is not None:
+        lines, doubts = as_interpolated(robot, held, known)
+        if lines is not None:
             return replace(lines, first=first_of(known, lines))
         found = _is_smooth(robot, held, smooth, known)
     except DataError:  # nothing can be fitted, which whoever asks will say
@@ -82,7 +83,8 @@ def as_told(robot: Robot, signals: Signals) -> Signals:
     first = first_of(known, smooth if found else held)
     if found:
         return replace(smooth, first=first)
-    return replace(held, recording=replace(held.recording, doubted=found is None), first=first)
+    warnings = (*held.recording.warnings, *doubts)
+    return replace(held, recording=replace(held.recording, doubted=found is None, warnings=warnings), first=first)
 
 
 def recorded_as_told(

@@ -63,3 +63,11 @@ def test_late_drives_are_none_that_interpolate(tmp_path: Path, changes: dict[str
     arm = servo.robot(tmp_path)
     found = identify(arm, prepare(servo.moved(5, **changes), arm))  # type: ignore[arg-type]
     assert "commands" not in found.settings
+
+
+def test_drives_that_filter_their_commands_are_warned_of(tmp_path: Path) -> None:
+    """Values tens of standard errors off were known, and the model sufficed."""
+    arm = servo.robot(tmp_path)
+    found = identify(arm, prepare(servo.moved(6, targets=0.012), arm))
+    assert "commands" not in found.settings
+    assert any("filter the commanded positions" in warning for warning in found.log_warnings)

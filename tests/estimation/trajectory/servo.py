@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
@@ -32,12 +33,14 @@ def robot(folder: Path) -> Robot:
 
 
 def moved(
-    seed: int, duration: float = 8.0, *, smoothing: float = 0.0, lines: bool = False, delay: float = 0.0
-) -> Recording:
+    seed: int, duration: float = 8.0, *,
+    smoothing: float = 0.0, lines: bool = False, delay: float = 0.0, targets: float = 0.0,
+) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
     The drive damps by a velocity that passes a first-order filter of time constant `smoothing`, s; it goes to each
-    command on a line over their period with `lines`, and acts late by `delay`, s.
+    command on a line over their period with `lines`, acts late by `delay`, s, and filters the commands with a time
+    constant `targets`, s.
     """
     rng, samples, fine = np.random.default_rng(seed), round(duration / DT), round(DT / STEP)
     t = DT * np.arange(samples)
@@ -48,7 +51,11 @@ def moved(
     place = np.maximum(when / (DT * EVERY), 0.0)
     number, part = place.astype(int), place % 1.0
     before = np.maximum(number - 1, 0)
-    told = (asked[before] + part * (asked[number] - asked[before]) if lines else asked[number]).tolist()
+    told = asked[before] + part * (asked[number] - asked[before]) if lines else asked[number]
+    if targets:
+        part = 1.0 - math.exp(-STEP / targets)
+        told = lfilter([part], [1.0, part - 1.0], told - asked[0]) + asked[0]
+    acting = told.tolist()
     inertia, weight = OWN + MASS * REACH**2 + ARMATURE, MASS * GRAVITY * REACH
     keep = math.exp(-STEP / smoothing) if smoothing else 0.0
     x, v, pull, seen, found = float(asked[0]), 0.0, 0.0, 0.0, []
@@ -58,7 +65,7 @@ def moved(
         speed = v + 0.5 * STEP * pull  # v is that of half a step before
         at = x + 0.5 * STEP * v
         seen = keep * seen + (1.0 - keep) * speed
-        free = v + STEP / inertia * (KP * (told[k] - at) - KD * seen - VISCOUS * speed - weight * math.sin(at))
+        free = v + STEP / inertia * (KP * (acting[k] - at) - KD * seen - VISCOUS * speed - weight * math.sin(at))
         after = math.copysign(max(abs(free) - STEP * COULOMB / inertia, 0.0), free)
         x, v, pull = x + 0.5 * STEP * (v + after), after, (after - v) / STEP
     q = np.array(found)[:, None] + NOISE * rng.standard_normal((samples, 1))
