@@ -51,7 +51,7 @@ def test_loops_that_were_not_simulated_may_be_short(monkeypatch: pytest.MonkeyPa
 def test_under_smooth_commands_half_a_period_is_no_more_than_the_delay(late: float, period: float) -> None:
     unknowns = SimpleNamespace(delays=slice(0, 1))
     fit = SimpleNamespace(delays=np.array([late]), deviation=np.array([2.5e-5]), unknowns=unknowns)
-    log = cast("Recording", SimpleNamespace(dt=DT, smooth=True))
+    log = cast("Recording", SimpleNamespace(dt=DT, smooth=True, changing=True))
     assert by_delay(cast("TrajectoryFit", fit), log) == pytest.approx(period)
 
 
