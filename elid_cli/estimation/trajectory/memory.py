@@ -51,9 +51,11 @@ def excess(matrix: Array, load: Array, spread: float) -> float:
         Variance of the error in their units.
 
     With R'R the sum of all matrices, the load of a part divided by R' has a covariance of P - P² times the variance,
-    P the part's matrix divided by R' and R: the solution takes P² out.
+    P the part's matrix divided by R' and R: the solution takes P² out. Where no unknown is shown, there are no sums.
     """
     shown = np.diag(matrix.sum(axis=0)) > 0
+    if not shown.any():
+        return 0.0
     matrix, load = matrix[:, shown][:, :, shown], load[:, shown]
     scale = sizes(matrix.sum(axis=0))
     matrix = matrix / np.outer(scale, scale)

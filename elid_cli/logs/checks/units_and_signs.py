@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.logs.checks.command_scale import command_scales, command_words
 from elid_cli.logs.checks.coupled_motors import coupled_motors
 from elid_cli.logs.checks.encoder_pairs import IF_SO, Pair, as_yaml, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
@@ -79,8 +80,11 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
         compared = [pair for pair in compared if pair.j not in doubted] or compared
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
-        found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
-        found.extend(at_stops(shown, sides, robot))
+        scaled = command_scales(shown, sides, robot)
+        found.extend(command_words(scaled, robot, plan))
+        if not scaled:  # else commands would be far beyond any stop
+            found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
+            found.extend(at_stops(shown, sides, robot))
     swapped = swap(q, theta, compared, robot)
     if swapped:
         return [*found, swapped]

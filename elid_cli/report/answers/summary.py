@@ -17,6 +17,7 @@ from elid_cli.estimation.known_load import BESIDE_BODIES
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
 from elid_cli.estimation.validation.verdicts import HELD, HIDES, IMPOSSIBLE, TORQUE_SHARE, TURNED, WEAK
+from elid_cli.logs.checks.command_scale import TWO_UNITS
 from elid_cli.logs.checks.known_inertias import RUNS
 from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.logs.checks.limits import WRONG
@@ -57,7 +58,7 @@ SYMBOLS = {
 """Symbols of parameters in words; c and I have axes behind them, all of them the number of their joint."""
 DOUBTS = (
     WRONG, RUNS, AGAINST, BESIDE_BODIES, NOT_TORQUE, AS_IT_IS, "sign were wrong", "sign looks wrong", "look swapped",
-    LAWFUL,
+    LAWFUL, TWO_UNITS,
 )  # fmt: skip
 """What a warning says that doubts units, signs, or a torque."""
 NEEDS = {

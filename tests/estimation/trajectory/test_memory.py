@@ -38,3 +38,7 @@ def test_white_noise_rarely_looks_like_a_memory() -> None:
 def test_a_short_memory_is_seen() -> None:
     told = np.array([excess_of(seed, 0.3) for seed in range(20)])
     assert (told > SHOWN).all()
+
+
+def test_what_shows_nothing_has_no_memory() -> None:
+    assert excess(np.zeros((PARTS, 3, 3)), np.zeros((PARTS, 3)), 1.0) == 0.0
