@@ -211,3 +211,19 @@ def test_commands_without_positions_are_asked_for_these(tmp_path: Path, goal: st
     log = read(path, robot=CONTROLLED, mapping=read_map_options([info.mapping]))
     assert log.sources["tau"] == "command"
     assert np.array_equal(log.commands["q_des"], base.q)
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_commands_that_make_no_torque_are_told_why(tmp_path: Path, still: bool) -> None:
+    base, _ = told()
+    q = np.tile(base.q[:1], (len(base.t), 1)) if still else base.q
+    gains = (KP, KD) if still else (np.zeros(3), np.zeros(3))
+    path = tmp_path / "log.h5"
+    none = np.full_like(base.tau, np.nan)
+    write_recording(replace(base, q=q, theta=q, dq=None, dtheta=None, tau=none, commands={"q_des": q.copy()}), path)
+    with h5py.File(path, "a") as file:
+        file.attrs.update(kp=gains[0], kd=gains[1])
+    with pytest.raises(LogError, match="what the commands make is 0 throughout") as raised:
+        read(path, robot=RIGID)
+    assert raised.value.detail is not None
+    assert raised.value.detail.startswith("nothing moves" if still else "kp and kd are 0 throughout")

@@ -80,6 +80,12 @@ class MissingSignal:
                 detail="; ".join([*unfit, formula]),
                 hint=f"give the drive's own, such as {options}, or control: {{kp: 20, kd: 0.5}} {place}",
             )
+        if "q_des" in filled and (why := self._idle(filled)):
+            raise LogError(
+                f"{self.name}: no torque, as what the commands make is 0 throughout", detail=why,
+                hint="record while the drives hold or move the robot; if the drives work otherwise, map a torque: "
+                "--map tau=PLACE",
+            )  # fmt: skip
         lacked = untold(self.plan)
         if lacked:
             lines, _ = self._proposal(self._free(None), ("tau",), "tau")
@@ -91,6 +97,17 @@ class MissingSignal:
                 hint=f"elid info {self.name}, or map it: {place}",
             )
         self.refuse("tau", self.robot.joint_names[0] if self.robot.n == 1 else "", "no torque")
+
+    def _idle(self, filled: Mapping[str, Array]) -> str:
+        """Return why commands and gains, which are there, make no torque; empty: for no reason that is known."""
+        gains = [np.nan_to_num(filled[gain]) for gain in GAINS]
+        if not any(gain.any() for gain in gains):
+            return f"{' and '.join(GAINS)} are 0 throughout: the drives were off"
+        position = np.where(np.isnan(filled["q"]), filled["theta"], filled["q"])
+        if not np.nan_to_num(filled["q_des"] - position).any():
+            moving = "nothing moves, and " if not np.nan_to_num(np.ptp(position, axis=0)).any() else ""
+            return f"{moving}the positions are the commanded ones (q_des) to the last digit"
+        return ""
 
     def _detail(self, signal: str, joint: str) -> str:
         placement = self.plan.placements.get(signal)
