@@ -7,6 +7,7 @@ from typing import Any
 
 from elid_cli.diagnosis.friction_family import PLAIN, FrictionFamily, MemberFit
 from elid_cli.diagnosis.friction_shapes import family
+from elid_cli.model.effects.effect import Member
 from elid_cli.report import tree
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import torque_unit
@@ -162,7 +163,7 @@ def _values(found: FrictionFamily) -> list[Section]:
     for joint, plain in found.plain.items():
         texts = [_with_error(found, joint, name, *told) for name, told in plain.items()]
         if joint in final:
-            values = _shown(final[joint])
+            values = _shown(final[joint], found.members[found.supported[joint]])
             texts.append(inputs.effect_text(found.robot, family().name, joint, values, found.std_error.get(joint, {})))
         items.append((joint, ", ".join(texts)))
     return [KeyValues("values", tuple(items), "friction of the chosen members")] if items else []
@@ -175,9 +176,13 @@ def _with_error(found: FrictionFamily, joint: str, name: str, value: float, erro
     return f"{name} {number_text(value, 3, error)} ± {number_text(error, resolution=error)} {unit}"
 
 
-def _shown(values: Mapping[str, float]) -> dict[str, float]:
-    """Return what is not said elsewhere: the member is named, and `lean` follows from two of the others."""
-    return {name: value for name, value in values.items() if value != 0.0 and name not in ("model", "lean")}
+def _shown(values: Mapping[str, float], member: Member) -> dict[str, float]:
+    """Return what is not said elsewhere: the member is named, and `lean` follows from two of the others.
+
+    One without forms does not depend on the speed: its velocity and exponent stand for nothing.
+    """
+    hidden = {"model", "lean"} if member.forms else {"model", "lean", "velocity", "exponent"}
+    return {name: value for name, value in values.items() if value != 0.0 and name not in hidden}
 
 
 def _next(found: FrictionFamily, recording: Recording, robot: str, written: Sequence[str]) -> str:
