@@ -78,7 +78,12 @@ def _lacking(gates: Gates, found: Identification) -> list[str]:
         for item in found.parameters
         if item.bias_possible and item.leader in gates.require_independent
     ]
-    return [*broken, *lacking(gates, found.insufficient, found.noise)]
+    by_rows = lacking(gates, found.insufficient, found.noise)
+    if gates.fail_on_insufficient and not by_rows and found.model == "insufficient":  # by the simulated motion
+        from elid_cli.report.answers.lacking import words_of
+
+        by_rows = [f"the model is insufficient: {words_of(found)}"]
+    return [*broken, *by_rows]
 
 
 def lacking(gates: Gates, insufficient: Sequence[Insufficient], noise: Sequence[RowNoise]) -> list[str]:

@@ -40,9 +40,8 @@ def with_loop_words(found: Identification, recording: Recording | None) -> Ident
     joint = found.robot.joints[worst]
     units = ("N·m·s/rad", "kg·m²") if joint.revolute else ("N·s/m", "kg")
     words = (
-        "the drives' loop is taken to act all the time; where it holds its torque for a period, viscous friction is "
-        "larger by kp, motor inertia by kd times half of that: for every millisecond by "
-        f"{less['kp'][worst]:.2g} {units[0]} and {less['kd'][worst]:.2g} {units[1]} ({joint.name}), which standard "
-        "errors do not count (held_loop in the robot file tells the period)"
+        "the drives' loop is taken to act all the time; for every millisecond that it holds its torque, viscous "
+        f"friction is larger by {less['kp'][worst]:.2g} {units[0]} and motor inertia by {less['kd'][worst]:.2g} "
+        f"{units[1]} ({joint.name}), which no standard error counts (held_loop in the robot file)"
     )
     return replace(found, warnings=(*found.warnings, words))

@@ -76,7 +76,14 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     told = _told([(gain, fault) for gain, fault in gains if gain > BETTER], names)
     known = {joint for _, fault in told for joint in fault.joints}
     said = [(gain, fault.words) for gain, fault in told]
-    said += _by_negative_values(fit.model.robot, negative, moving, known)
+    positive = any(
+        item.leader.kind in POSITIVE
+        and item.verdict == "supported"
+        and item.estimate > 0
+        and item.leader.joint in moving
+        for item in found.parameters
+    )
+    said += _by_negative_values(fit.model.robot, negative, moving, known, everywhere=not positive)
     said.sort(key=lambda item: -item[0])
     return tuple(sentence for _, sentence in said[:3])
 
@@ -218,9 +225,12 @@ def _is_best(fit: DefaultFit, signals: Signals, fault: _Fault, left: float) -> b
 
 
 def _by_negative_values(
-    robot: Robot, negative: Sequence[str], moving: Sequence[int], known: Collection[int]
+    robot: Robot, negative: Sequence[str], moving: Sequence[int], known: Collection[int], *, everywhere: bool
 ) -> list[tuple[float, str]]:
-    """Return what negative parameters say whatever else fits, with a weight, but of joints that are told already."""
+    """Return what negative parameters say whatever else fits, with a weight, but of joints that are told already.
+
+    `everywhere`: no friction, motor inertia or stiffness came out positive, and known.
+    """
     said: list[tuple[float, str]] = []
     for k in (k for k in moving if k not in known):
         own = {kind for kind in POSITIVE if any(w.startswith(f"{kind}{k + 1} ") for w in negative)}
@@ -230,7 +240,7 @@ def _by_negative_values(
             said.append((np.inf, _either_sign(name)))
         if own == {"K"}:
             said.append((np.inf, f"q and theta of {name} look swapped: its spring pushes the wrong way"))
-    if len(moving) and len(negative) >= len(moving) and not said and not known:
+    if everywhere and len(moving) and len(negative) >= len(moving) and not said and not known:
         said.append((0.0, "inertia, friction or stiffness come out negative everywhere: the torque's sign looks wrong"))
     return said
 

@@ -34,6 +34,7 @@ from elid_cli.estimation.known_load import off_scales, scale_warnings
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
 from elid_cli.estimation.smooth_commands import as_told
+from elid_cli.estimation.trajectory.at_noise import NOISE
 from elid_cli.estimation.trajectory.beginning import started_from
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.bodies import other_bodies
@@ -168,6 +169,8 @@ def diagnose_motion(
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
     alone = each_alone(robot, runs, signals, whole)
+    if (after.above_noise(told) >= NOISE).any():
+        refined = replace(refined, model="insufficient")
     views, positions = views_of(done.after), _positions(robot, done.before, done.after)
     return MotionDiagnosis(
         described, recording,

@@ -11,6 +11,7 @@ from elid_cli.diagnosis.by_motion.each_alone import Alone
 from elid_cli.diagnosis.by_motion.held_out import MORE
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.at_noise import NOISE
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.robot.robot import Robot
@@ -61,6 +62,19 @@ class MotionDiagnosis(Shown):
 
     alone: tuple[Alone, ...] = ()
     """What each recording alone asks for, where they are simulated clearly nearer so."""
+
+    @property
+    def near(self) -> dict[str, float]:
+        """Joints that are near the encoders' noise and not at it, with their error in times that noise."""
+        told = self.after.settings.get("trajectory")
+        ratios: Mapping[str, float] = told["noise_ratio"] if isinstance(told, dict) else {}
+        left = {item.joint for item in self.unexplained}
+        return {name: ratio for name, ratio in ratios.items() if ratio >= NOISE and name not in left}
+
+    @property
+    def sufficient(self) -> bool:
+        """Whether nothing is missing: nothing was found, and nothing but noise is left."""
+        return not self.effects and not self.unexplained and self.free_bodies is None and not self.near
 
     @property
     def nearer(self) -> tuple[Rival, ...]:

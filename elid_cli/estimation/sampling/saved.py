@@ -45,6 +45,10 @@ class SavedDistribution:
     """Whether it is a fit of simulated motion, which has the bodies of the robot file."""
     loop: float = 0.0
     """Longest period, s, of a drive's loop that its motion does not tell from none; 0 where it was not asked."""
+    model: str = ""
+    """What the result says of its model: ``sufficient``, ``insufficient``, or another word; empty: nothing."""
+    unclear: bool = False
+    """Whether something may be missing although the model is sufficient."""
     lacking: tuple[tuple[str, str | None], ...] = ()
     """Effects that a diagnosis found the robot to lack, each with its joint; None: of the whole robot."""
 
@@ -106,6 +110,8 @@ def distribution_of(data: Mapping[str, Any], path: str) -> SavedDistribution:
         channels=_channels(data),
         bodies_held=data.get("estimator") == "trajectory",
         loop=_loop(data),
+        model=str(data.get("model", "")),
+        unclear=data.get("unclear") is True,
         lacking=_lacking(data),
     )
     if len(set(found.names)) < len(found.names):

@@ -106,7 +106,7 @@ def sample(
     found = pooled(told)
     generator = np.random.default_rng(seed)
     values = draw_sets(found.mean, found.covariance, found.positive, count, generator)
-    notes = [*_held_words(found), *_channel_words(told), *_loop_words(told)]
+    notes = [*_model_words(told), *_held_words(found), *_channel_words(told), *_loop_words(told)]
     if robot is None:
         return ParameterSets(found, found.names, found.units, found.origin, values, seed, tuple(notes))
     _check_complete(told, robot)
@@ -169,6 +169,16 @@ def _loop_words(results: Sequence[SavedDistribution]) -> list[str]:
         "is larger by kp, motor inertia by kd times half its period. The sets are of drives that act all the time "
         "(held_loop in the robot file of identify tells the period)"
     ]
+
+
+def _model_words(results: Sequence[SavedDistribution]) -> list[str]:
+    """Return whose model lacks something, or may: the sets reach as far as its errors, which do not know of it."""
+    words = []
+    for names, what in (([r.file for r in results if r.model == "insufficient"], "is insufficient"),
+                        ([r.file for r in results if r.unclear], "may be insufficient")):  # fmt: skip
+        if names:
+            words.append(f"the model of {first_of(names, LISTED)} {what}: true values may lie outside the sets' range")
+    return words
 
 
 def _held_words(found: Distribution) -> list[str]:

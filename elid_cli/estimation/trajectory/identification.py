@@ -318,17 +318,20 @@ def identification_of(
 
 
 def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -> tuple[Nuisance, ...]:
-    """Return the torque offset of every joint that shows one, (n,), and the delay of all: mean of the recordings."""
+    """Return the torque offset of every joint that shows one, (n,), and the delay of all: mean of the recordings.
+
+    The other values are those beside the delay, however unsure it is: a robot without it does not move so.
+    """
     values, errors = fit.unknowns.joint_values(settled(fit)), fit.unknowns.joint_values(fit.deviation)
     late, unsure = fit.joint_delays.mean(axis=0).tolist(), np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2))
     scatter = float(np.std(fit.delays, ddof=1)) if len(fit.delays) > 1 else 0.0
     names = robot.joint_names
     alike = scatter**2 + np.broadcast_to(fit.apart, robot.n) ** 2 + fit.smoother**2
-    unsure_of, kept = np.sqrt(unsure**2 + alike).tolist(), bool(fit.smoother)
+    unsure_of = np.sqrt(unsure**2 + alike).tolist()
     late_ones = [one for one in zip(names, late, unsure_of, strict=True) if fit.delays.any() or one[1]]
     return (
         *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
           for k, name in enumerate(names) if shown[k]),
-        *(Nuisance(delay_name(), name, {"delay": delay}, {"delay": error}, kept)
+        *(Nuisance(delay_name(), name, {"delay": delay}, {"delay": error}, kept=True)
           for name, delay, error in late_ones),
     )  # fmt: skip

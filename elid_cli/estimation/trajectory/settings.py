@@ -45,7 +45,7 @@ def settings_of(found: Identification, fit: TrajectoryFit, moves: NDArray[np.boo
             "estimate": float(values[joint, kind]), "std_error": float(errors[joint, kind]),
             "between_recordings": float(between[joint, kind]), "within_recording": float(within[joint, kind]),
             "another_recording": None if another is None else float(another[joint, kind]),
-            "verdict": verdicts[joint][kind],
+            "verdict": verdicts[joint][kind], "bias_possible": False,
             **({"by_recording": {name: part[:, joint, kind].tolist() for name, part in alone.items()}}
                if (joint, kind) in own.own else {}),
         }  # fmt: skip

@@ -7,16 +7,22 @@ motion asks for others, and least squares, which have bodies of their own, lack 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError, LogError, RobotError, in_words
+from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.trajectory.at_noise import is_at_noise
-from elid_cli.estimation.trajectory.doubtful_joints import standing
+from elid_cli.estimation.trajectory.at_noise import NOISE, is_at_noise
+from elid_cli.estimation.trajectory.doubtful_joints import coupled_to, marked, standing
+from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, unsuited
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
+from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.of_drives import as_acting
 from elid_cli.model.rollout_loops import compiled_steps
@@ -65,27 +71,18 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
     stand = {found.robot.joint_names[k] for k in standing(found.robot, recording)}
     bodies = {name: share for name, share in bodies.items() if name not in stand}  # the others move those
     if bodies and _is_sufficient(found):
-        moved = in_words(list(bodies))
-        doubt = (
-            f"the motion of {moved} asks for other bodies than {found.robot.name} describes, or for drives that "
-            "deliver another torque than kp and kd say, with which every value here scales: elid diagnose looks for "
-            "the cause"
-        )
-        return _told(
-            replace(found, warnings=(*found.warnings, doubt)), f"{COMPUTED}; but the motion of {moved} is simulated "
-            f"nearer to the measured one with other bodies than {found.robot.name} describes, and this fit, which has "
-            "bodies of its own, leaves only noise (--fit trajectory takes those of the file)",
-        )  # fmt: skip
+        return _with_own_bodies(found, list(bodies), signals, delays=delays)
     answer = identification_of(found, fit, signals, bodies)
     worse = _worse(found, answer)
     # where the motion leaves nothing but noise, the torque is at fault: velocities that it was computed from are late;
     # and filters of velocity are nothing that least squares know of: they hide in their inertia and friction
     filtered = bool(np.any(fit.filters) or fit.open_filters)
     if worse > FARTHER and not (filtered or is_at_noise(dict(enumerate(fit.above_noise(signals).tolist())), fit)):
-        return _told(
+        told = _told(
             found, f"{COMPUTED}; but that of the motion, with the bodies of {found.robot.name}, predicts torque that "
             f"was not fitted {worse:.2g} times as badly (--fit trajectory)",
         )  # fmt: skip
+        return _contradicted(told, fit.above_noise(signals), "file")
     why = (
         "the motion is fitted, as with --fit trajectory: the torque is computed from commands, and noise of the "
         "positions in it biases least squares (--fit torque: these, with bodies of their own)"
@@ -93,8 +90,63 @@ def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True
     return replace(answer, notes=(why, *answer.notes))
 
 
+def _with_own_bodies(found: Identification, names: Sequence[str], signals: Signals, *, delays: bool) -> Identification:
+    """Return least squares' answer where the motion of some joints asks for other bodies than the file's.
+
+    It stands where the motion is simulated with its bodies; where that is no ground either, something is missing that
+    bodies imitate.
+    """
+    moved, recording = in_words(names), signals.recording
+    assert recording is not None
+    doubt = (
+        f"the motion of {moved} asks for other bodies than {found.robot.name} describes, or for drives that "
+        "deliver another torque than kp and kd say, with which every value here scales: elid diagnose looks for "
+        "the cause"
+    )
+    found = _told(
+        replace(found, warnings=(*found.warnings, doubt)), f"{COMPUTED}; but the motion of {moved} is simulated "
+        f"nearer to the measured one with other bodies than {found.robot.name} describes, and this fit, which has "
+        "bodies of its own, leaves only noise (--fit trajectory takes those of the file)",
+    )  # fmt: skip
+    robot = replace(identified_robot(found), effects=found.robot.effects)
+    try:
+        fit, _ = fit_of(robot, signals, recording, delays=delays)
+    except (DataError, LogError, RobotError):
+        return found
+    ratios = fit.above_noise(signals)
+    return found if (ratios < ABOVE).all() else _contradicted(found, ratios, "own")
+
+
+def _contradicted(found: Identification, ratios: Array, whose: Literal["file", "own"]) -> Identification:
+    """Return least squares' answer where the simulated motion says that the model lacks something.
+
+    Bodies and drives of their own leave next to nothing of the torque, and no drives move the robot as it moved: what
+    is missing is in the values.
+
+    Parameters
+    ----------
+    found
+        What least squares say of the log.
+    ratios
+        Errors of the simulated positions in times the encoders' noise, (n,).
+    whose
+        The bodies that are simulated: those of the robot file, or of least squares.
+    """
+    names, far = found.robot.joint_names, set(np.flatnonzero(ratios >= NOISE).tolist())
+    if not far:
+        return found
+    motion = {"bodies": whose, "noise_ratio": dict(zip(names, ratios.tolist(), strict=True))}
+    return replace(
+        found, model="insufficient", parameters=marked(found, coupled_to(found.robot, far)),
+        settings={**found.settings, "simulated_motion": motion},
+        nuisances=tuple(item.doubted for item in found.nuisances),
+    )  # fmt: skip
+
+
 def _is_sufficient(found: Identification) -> bool:
-    return found.model == "sufficient" and all(item.ratio <= CLEAR for item in found.noise)
+    """Whether what least squares leave is noise, and no value is one that no robot has."""
+    negative = any(item.reason.startswith(IMPOSSIBLE) for item in found.parameters)
+    return found.model == "sufficient" and all(item.ratio <= CLEAR for item in found.noise) and not negative
 
 
 def _worse(found: Identification, answer: Identification) -> float:

@@ -215,17 +215,16 @@ def _loop_words(robot: Robot, fit: TrajectoryFit, recording: Recording, moves: N
         return ()
     longest = recording.dt if fit.unseen is None else fit.unseen
     every = "at the log's rate" if abs(longest / recording.dt - 1.0) < SAME else f"every {1e3 * longest:.2g} ms"
-    said = []
+    said: list[str] = []
     for place, (words, unit) in enumerate((("motor inertia", "kg·m²"), ("viscous friction", "N·m·s/rad"))):
         if matter[:, place].any():
             worst = int(np.argmax(np.where(matter[:, place], less[:, place], 0.0)))
             unit = unit if robot.joints[worst].revolute else {"kg·m²": "kg"}.get(unit, "N·s/m")
             size = f"up to {less[worst, place]:.2g} {unit} ({robot.joint_names[worst]})"
-            said.append(f"{words} is larger by k{'dp'[place]} times half of that, {size}")
+            said.append(f"{words} {'by' if said else 'is larger by'} {size}")
     return (
-        f"the drive's loop is taken to act all the time; where it is computed {every} and its torque held so long, "
-        f"{' and '.join(said)}, which this motion does not tell apart and standard errors do not count (held_loop in "
-        "the robot file tells the period)",
+        f"the drive's loop is taken to act all the time; computed {every} and held so long, {' and '.join(said)}, "
+        "which this motion does not tell apart and no standard error counts (held_loop in the robot file)",
     )
 
 

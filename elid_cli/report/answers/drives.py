@@ -64,7 +64,8 @@ def _cell(item: Mapping[str, Any], kind: str) -> Cell:
         least = 10.0**-decimals
         error = f"{deviation:.{decimals}f}" if deviation >= 0.5 * least else f"< {least:.{decimals}f}"
         text = f"{value:.{decimals}f} ± {error}"
-    return Mark(text, "warn") if kind in DRIVE and item["verdict"] == "weak" else text
+    doubtful = item.get("bias_possible") or (kind in DRIVE and item["verdict"] == "weak")
+    return Mark(text, "warn") if doubtful else text
 
 
 def _share(item: Mapping[str, Any]) -> float:
@@ -74,6 +75,7 @@ def _share(item: Mapping[str, Any]) -> float:
 def drives_words(found: Identification) -> str:
     """Return how well the drives are known, in a few sentences."""
     drives, names, (rough, doubted) = found.drives, in_words(list(WORDS.values())), _weak(found)
+    lacking = _lacking(found)
     hidden = _of_verdict(found, "refused")
     still = sorted({joint for joints in hidden.values() for joint in joints}, key=list(drives).index)
     moving = len(drives) - len(still)
@@ -85,15 +87,19 @@ def drives_words(found: Identification) -> str:
         said.append(f"Known roughly, not {RULE}: {_kinds(rough)}")
     if doubted:
         said.append(f"May be biased, as the motion they are fitted to is far off: {_kinds(doubted)}")
+    if lacking:
+        whose = "all values" if len(lacking) == len(drives) else f"values of {listed(lacking)}"
+        said.append(f"May be biased by what is missing: {whose}")
     sizes = []
     for kind in DRIVE:
-        known = {joint: item[kind] for joint, item in drives.items() if item[kind]["verdict"] == "supported"}
+        known = {joint: item[kind] for joint, item in drives.items()
+                 if item[kind]["verdict"] == "supported" and joint not in lacking}  # fmt: skip
         known = {joint: item for joint, item in known.items() if _share(item) <= WEAK}  # others are small
         if known:
             worst, share = max(((joint, _share(item)) for joint, item in known.items()), key=lambda pair: pair[1])
             sizes.append(f"{WORDS[kind]} {share_text(share)} ({worst})")
     said += (
-        [f"Largest standard errors of the {'others' if rough or doubted else 'values'}: {', '.join(sizes)}"]
+        [f"Largest standard errors of the {'others' if rough or doubted or lacking else 'values'}: {', '.join(sizes)}"]
         if sizes
         else []
     )
@@ -118,6 +124,12 @@ def _weak(found: Identification) -> tuple[dict[str, list[str]], dict[str, list[s
     others = {kind: [joint for joint in joints if joint not in by_error[kind]] for kind, joints in weak.items()}
     return ({kind: joints for kind, joints in by_error.items() if joints},
             {kind: joints for kind, joints in others.items() if joints})  # fmt: skip
+
+
+def _lacking(found: Identification) -> list[str]:
+    """Return the joints of which a value that is known by its error may be biased by what is missing."""
+    return [joint for joint, values in found.drives.items()
+            if any(own["verdict"] == "supported" and own.get("bias_possible") for own in values.values())]  # fmt: skip
 
 
 def drives_needed(found: Identification) -> Sequence[tuple[str, Cell]]:

@@ -19,7 +19,14 @@ from elid_cli.report.answers.drives import drives_needed, drives_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
-from elid_cli.report.answers.lacking import is_unclear, loud_joints, motion_words, words_of, yielding
+from elid_cli.report.answers.lacking import (
+    is_doubted,
+    loud_joints,
+    motion_words,
+    unlike_motion_first,
+    words_of,
+    yielding,
+)
 from elid_cli.report.answers.motor_side import motor_side_sections, stiffness_items
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
@@ -54,7 +61,7 @@ def identification_report(
     for path in written:
         foreign = path.lower().endswith((".urdf", ".xml", ".mjcf"))
         facts += (("written", path if foreign else f"{path}{predicts}"),)
-    unclear = is_unclear(found.noise)
+    unclear = is_doubted(found)
     writes = found.model == "sufficient" and not unclear and not found.drive_gains and not yielding(found)
     record, further = summary.record_sections(
         found,
@@ -70,7 +77,10 @@ def identification_report(
         inputs.heading(found.robot, recording),
         summary.answers(
             motion_words(found, recording.warnings)
-            or summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
+            or unlike_motion_first(
+                found,
+                summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
+            ),
             words_of(found),
             parameter_words(found, loud),
             record,
@@ -213,7 +223,7 @@ def _next(found: Identification, recording: Recording, robot_argument: str, writ
         if found.gain_map:
             return inputs.command("identify", first, robot_argument, "--map", found.gain_map)
         return shlex.join(["elid", "excite", "--robot", robot_argument, "-o", "exciting.csv"])
-    if found.model != "sufficient" or is_unclear(found.noise):
+    if found.model != "sufficient" or is_doubted(found):
         return inputs.command("diagnose", recording, robot_argument)
     if written:
         return inputs.command("validate", recording, inputs.fullest(written))

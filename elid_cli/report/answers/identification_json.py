@@ -10,7 +10,7 @@ from elid_cli.estimation.result import FittedEffect, Identification
 from elid_cli.report.answers.classification import class_payload
 from elid_cli.report.answers.drive_gains import gains_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload, robot_payload
-from elid_cli.report.answers.lacking import is_unclear
+from elid_cli.report.answers.lacking import is_doubted, is_unclear
 from elid_cli.report.answers.motor_side import motor_side_payload, stiffness_record
 from elid_cli.report.tree import picked
 from elid_cli.robot.parameter import parameter_named, place_in_order
@@ -36,7 +36,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "base_parameters": base_payload(found),
         "covariance": covariance_payload(found),
         "error": error_payload(found.error),
-        **model_payload(found.model, found.noise, found.insufficient),
+        **model_payload(found.model, found.noise, found.insufficient, doubted=is_doubted(found)),
         **motor_side_payload(found),
         "nuisances": nuisance_payload(found.nuisances),
         "effects": _declared_payload(found.effects),
@@ -106,9 +106,14 @@ def covariance_payload(found: Identification) -> list[list[float | None]]:
     return [[rows[i][k] for k in order] for i in order]
 
 
-def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:
-    """Return what JSON says of the model: ``model``, ``unclear``, ``noise`` and ``insufficient``."""
-    unclear = model == "sufficient" and is_unclear(noise)
+def model_payload(
+    model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient], *, doubted: bool = False
+) -> dict[str, Any]:
+    """Return what JSON says of the model: ``model``, ``unclear``, ``noise`` and ``insufficient``.
+
+    `doubted`: something may be missing whatever the noise.
+    """
+    unclear = model == "sufficient" and (doubted or is_unclear(noise))
     return {"model": model, "unclear": unclear, "noise": noise_payload(noise), "insufficient": insufficient}
 
 

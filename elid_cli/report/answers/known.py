@@ -9,11 +9,14 @@ from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.report.answers import summary
 from elid_cli.report.answers.drives import drives_words
+from elid_cli.report.answers.lacking import is_doubted
 
 BODIES = "masses and inertias"
 COMBINATIONS = "what motion can show"
 """What base parameters are, in the fewest words."""
 IS_NEGATIVE = "came out negative, which no robot's is"
+YES = "Yes: "
+"""An answer that a warning of units or signs would change."""
 NAMED = 5
 """Parameters of a kind that are named; the others are counted."""
 
@@ -38,10 +41,13 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
     else:
         part = f"All {total}" if len(known) == total else f"{len(known)} of {total}"
         whole = f"{part} {named} are known {summary.RULE}"
+    warnings = (*found.log_warnings, *found.warnings)
+    sound = found.model == "insufficient" or is_doubted(found) or summary.doubted(YES, warnings) == YES
+    by_what = "by what is missing" if sound else "as a warning doubts what the log is"
     said = [
         whole,
         _counted(rough, f"{summary.ROUGH}, less well than that"),
-        _counted([item for item in supported if item.bias_possible], f"{summary.BIASED} by what is missing"),
+        _counted([item for item in supported if item.bias_possible], f"{summary.BIASED} {by_what}"),
         _counted(negative, IS_NEGATIVE),
         f"{len(held)} {'is' if len(held) == 1 else 'are'} held at the file's values" if held else "",
         _counted([item for item in found.parameters if item.verdict == "refused" and item not in held],

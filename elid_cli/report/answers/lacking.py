@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
 from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE, ZERO
 from elid_cli.estimation.validation.sufficiency import ABOVE, QUIET, UNCLEAR
+from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.logs.adapt import YIELDING
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
@@ -23,14 +25,20 @@ ABSORBED = {
     ZERO: "the zero of the positions of {} looks off, or the base tilted, which other values take up",
 }
 """What leaves next to nothing, as other values take it up; in place of ``{}`` the joint."""
+BELOW = (
+    "a drive whose kd is smaller than the log has it, or whose loop holds its torque or filters its velocity, looks so"
+)
+"""What is said of viscous friction that is negative."""
 LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 
 
 def words_of(found: Identification) -> str:
     """Return what the model of an identification lacks, in a sentence or two."""
-    said = _far_motion(found) or _elastic_words(found)
+    said = _far_motion(found) or _unlike_motion(found) or _elastic_words(found)
     loaded = "" if said else _load_words(found)
+    if not said and not (loaded and found.model == "not judged"):
+        said = _negative_words(found)
     if not said and not (loaded and found.model == "not judged"):
         said = lacking_words(found.model, found.insufficient, found.noise, alone=found.robot.n == 1)
     said = " ".join(part for part in (loaded, said) if part)
@@ -111,10 +119,7 @@ def _far_motion(found: Identification) -> str:
             "damps by, which makes motor inertias come out too small. elid diagnose names it."
         )
     if negative := told.get("negative_friction") if isinstance(told, dict) else None:
-        return (
-            f"Something: viscous friction of {listed(list(negative))} comes out below 0. A drive whose kd is smaller "
-            "than the log has it, or whose loop holds its torque or filters its velocity, looks so."
-        )
+        return f"Something: viscous friction of {listed(list(negative))} comes out below 0: {BELOW}."
     if found.model == "not judged" and beyond:
         return (
             "Something: the simulated motion is off by more than the encoders' noise at "
@@ -122,6 +127,62 @@ def _far_motion(found: Identification) -> str:
             "elid diagnose looks for the cause."
         )
     return ""
+
+
+def _unlike_motion(found: Identification) -> str:
+    """Return that least squares leave little of the torque, and the motion is not simulated, in a sentence or two."""
+    told = found.settings.get("simulated_motion")
+    if not isinstance(told, dict):
+        return ""
+    besides = f" Besides, {rows_words(found.insufficient)}." if found.insufficient else ""
+    pushing = [
+        item.name for item in found.parameters if item.reason.startswith(IMPOSSIBLE) and item.leader.kind == "fv"
+    ]
+    slack = f" Viscous friction below 0 ({listed(pushing)}): {BELOW}." if pushing else ""
+    return (
+        f"Something: {_motion_off(found, told)}, whatever the drives; this fit may have taken what is missing into its "
+        f"values.{slack}{besides} elid diagnose looks for the cause."
+    )
+
+
+def _motion_off(found: Identification, told: Mapping[str, Any]) -> str:
+    """Return how far off the motion is that is simulated with some bodies, in a clause."""
+    worst = max(told["noise_ratio"], key=lambda name: told["noise_ratio"][name])
+    whose = f"the bodies of {found.robot.name}" if told["bodies"] == "file" else "the bodies found here"
+    return (
+        f"the motion simulated with {whose} is off by up to {number_text(told['noise_ratio'][worst], 2)} times the "
+        f"encoders' noise (at {worst})"
+    )
+
+
+def unlike_motion_first(found: Identification, words: str) -> str:
+    """Return whether a model can be trusted, `words` of its torque, with what the simulated motion says before it."""
+    told = found.settings.get("simulated_motion")
+    verdict, _, rest = words.partition(": ")
+    if not isinstance(told, dict) or verdict.split(",")[0] not in ("Yes", "Mostly"):
+        return words
+    return f"Not to simulate: {_motion_off(found, told)}. As for this log's torque: {rest}"
+
+
+def impossible_in(found: Identification) -> list[str]:
+    """Return the parameters that came out negative beyond doubt, which those of a robot are not."""
+    return [item.name for item in found.parameters if item.reason.startswith(IMPOSSIBLE)]
+
+
+def _negative_words(found: Identification) -> str:
+    """Return that values came out negative where nothing but noise is left, in a sentence; else nothing."""
+    names = impossible_in(found)
+    if not names or found.model != "sufficient":
+        return ""
+    return (
+        f"Something, or the log is not what it is taken for: {listed(names)} came out negative, which no robot's is, "
+        "although only noise is left. A wrong gain, sign, unit or gear ratio looks so; elid diagnose looks for effects."
+    )
+
+
+def is_doubted(found: Identification) -> bool:
+    """Whether something may be missing although the residual of a model is called noise."""
+    return is_unclear(found.noise) or bool(impossible_in(found))
 
 
 def motion_words(found: Identification, warnings: Sequence[str]) -> str:

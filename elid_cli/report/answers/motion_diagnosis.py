@@ -124,7 +124,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         ],
         **{key: [] for key in ("refuted", "triage", "organised", "held_out", "moved", "checks")},
         **({"partial": True} if found.partial else {}),
-        "sufficient": not found.effects and not found.unexplained and found.free_bodies is None,
+        "sufficient": found.sufficient,
         "tried": found.tried,
         "untried": list(found.untried),
         "other_bodies": dict(found.other_bodies),
@@ -150,7 +150,13 @@ def _trust(found: MotionDiagnosis) -> str:
     before, after = (mean_off(found, fit, bare=k == 0) for k, fit in enumerate((found.fit_before, found.fit_after)))
     most = largest_words(found.robot, {name: own.after for name, own in found.position.items()})
     left = found.unexplained
-    verdict = f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}" if left else "Yes"
+    verdict = (
+        f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}"
+        if left
+        else "Mostly"
+        if found.near
+        else "Yes"
+    )
     added = ", " + ("even when" if left else "once") + " what is missing is added" if found.effects else ""
     was = f" ({before} without)" if found.effects else ""
     words = (
@@ -163,6 +169,11 @@ def _trust(found: MotionDiagnosis) -> str:
 
 def _missing(found: MotionDiagnosis) -> str:
     left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
+    if found.near:
+        most = number_text(max(found.near.values()), 2)
+        left += (
+            f" What is left at {listed(list(found.near))} is up to {most} times the encoders' noise: no noise alone."
+        )
     rigid, between = RIGID if found.unexplained else "", between_words(found)
     first = free_bodies_words(found)
     if found.partial and not found.effects:
@@ -185,6 +196,7 @@ def _missing(found: MotionDiagnosis) -> str:
         first = f"{first} With the bodies of the file: "
         named = named.replace("One of", "one of", 1) if named.startswith("One of") else named
     doubts = f"{load_words(found)}{scale_words(found)}{moved}{gains_words(found)}{alike_words(found)}"
+    doubts += left if found.near else ""
     return f"{first}{named}{doubts}{bodies_words(found)}{between}{rigid}"
 
 
