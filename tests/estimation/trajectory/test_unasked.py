@@ -339,15 +339,16 @@ def test_a_loop_that_holds_its_torque_is_told_with_its_size(usual: Identificatio
     period = cast("dict[str, float]", usual.settings["trajectory"])["unseen_loop"]
     assert period == pytest.approx(plant.DT, rel=0.1)  # slow motion
     assert "computed at the log's rate" in note
-    assert f"kp times half of that, up to {plant.KP[0] * period / 2:.2g} N·m·s/rad (one)" in note
-    assert f"kd times half of that, up to {plant.KD[0] * period / 2:.2g} kg·m² (one)" in note
+    assert f"viscous friction by up to {plant.KP[0] * period / 2:.2g} N·m·s/rad (one)" in note
+    assert f"motor inertia is larger by up to {plant.KD[0] * period / 2:.2g} kg·m² (one)" in note
 
 
 def test_least_squares_tell_what_a_loop_changes(made: tuple[Robot, Recording, str], by_torque: Identification) -> None:
     robot, recording, _ = made
     loops = [line for line in by_torque.warnings if "every millisecond" in line]
     (line,) = loops
-    assert f"by {plant.KP[0] * 5e-4:.2g} N·m·s/rad and {plant.KD[0] * 5e-4:.2g} kg·m² (one)" in line
+    assert f"friction is larger by {plant.KP[0] * 5e-4:.2g} N·m·s/rad" in line
+    assert f"motor inertia by {plant.KD[0] * 5e-4:.2g} kg·m² (one)" in line
     told = replace(robot, effects=tuple(EffectSpec("held_loop", name, {"period": plant.DT}) for name in plant.NAMES))
     assert not any("every millisecond" in line for line in found_of(told, recording, fit="torque").warnings)
 
