@@ -187,4 +187,9 @@ def uncertain(instants: int, bandwidth: float) -> float:
     The sum has the spread of chi-squared with n / (0.539 b) degrees of freedom (0.539: integral of the squared kernel;
     Priestley 1981, 6.2), so 95 % lie within Student's quantile instead of 1.96 standard errors.
     """
-    return beyond_normal(instants / (0.539 * bandwidth)) ** 2
+    return beyond_normal(pieces(instants, bandwidth)) ** 2
+
+
+def pieces(instants: int, bandwidth: float) -> float:
+    """Return the independent pieces from which a kernel sum is known: degrees of freedom of its chi-squared."""
+    return instants / (0.539 * bandwidth)

@@ -26,8 +26,9 @@ from elid_cli.estimation.streaming.reduced_log import ReducedLog
 from elid_cli.estimation.streaming.scores import lifted
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.cross_validation import joint_errors
+from elid_cli.estimation.validation.differing_logs import with_differing_logs
 from elid_cli.estimation.validation.prediction import ByLog
-from elid_cli.estimation.validation.sufficiency import judged_model, with_differing_logs
+from elid_cli.estimation.validation.sufficiency import judged_model
 from elid_cli.logs.checks.required import refuse_mixed
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -61,7 +62,7 @@ def identify_reduced(
     data = merged_data(model, logs)
     fit = fit_data(base, data, options)
     if len(logs) > 1:
-        fit = replace(fit, covariance=_together(data, logs, fit).of_few)
+        fit = replace(fit, covariance=_together(data, logs, fit).of_few(fit.transform))
     fit, refused, found = judged(fit, options)
     said = [log.judgement for log in logs]
     fit = with_pull_of_noise(with_scatter(fit, *said), said, [log.facts.instants for log in logs])
@@ -71,8 +72,9 @@ def identify_reduced(
     if any("tau_link" in log.recording.sources and not log.facts.link_torque.all() for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))
     found = judged_model(found, *said)
-    if differ := _disagreement(data, logs, fit):
-        found = replace(with_differing_logs(found), notes=(*found.notes, *differ))
+    if len(logs) > 1 and (apart := _together(data, logs, fit)).disagree:
+        found = replace(found, notes=(*found.notes, _disagreement(apart, logs, fit)))
+        found = with_differing_logs(found, apart.moved(fit.transform), said, [log.name for log in logs])
     if options.fit == "auto" and all(log.facts.computed.all() for log in logs):
         from elid_cli.estimation.trajectory.unasked import pointed_out
 
@@ -97,21 +99,21 @@ def merged_data(model: Regressor, logs: Sequence[ReducedLog]) -> TriangleData:
     return TriangleData(model, facts, merged, spread, by_links, np.zeros(model.robot.n, dtype=bool))
 
 
-def _disagreement(data: TriangleData, logs: Sequence[ReducedLog], fit: DefaultFit) -> tuple[str, ...]:
-    """Return a sentence where the logs differ by more than their noise; none where they agree."""
-    if len(logs) < 2:
-        return ()
-    found = _together(data, logs, fit)
-    if not found.disagree:
-        return ()
-    ratios = found.ratios(fit.transform)
-    worst = int(np.argmax(ratios))
+def _disagreement(found: Together, logs: Sequence[ReducedLog], fit: DefaultFit) -> str:
+    """Return a sentence on logs that differ by more than their noise."""
+    chances, names = found.chances(fit.transform), fit.base.names
+    moved = np.flatnonzero(found.moved(fit.transform))
+    first = sorted(moved, key=lambda k: float(chances[k]))
     said = (
-        f"the logs disagree by more than their noise, most in {fit.base.names[worst]} (by {np.sqrt(ratios[worst]):.2g} "
-        "times its standard error): every standard error includes the difference between logs"
+        f"the logs disagree by more than their noise, most in {names[first[0]]}"
+        f"{_others(len(first) - 1)}: their standard errors include the difference between logs"
     )
-    odd = _standing_out(found.pulls(fit.transform)[:, worst])
-    return (said if odd is None else f"{said}; {logs[odd].name} stands out from the others",)
+    odd = _standing_out((found.pulls @ fit.transform[:, fit.solution.basis].T)[:, first[0]])
+    return said if odd is None else f"{said}; {logs[odd].name} stands out from the others"
+
+
+def _others(count: int) -> str:
+    return f" and {count} other{'' if count == 1 else 's'}" if count else ""
 
 
 def _together(data: TriangleData, logs: Sequence[ReducedLog], fit: DefaultFit) -> Together:

@@ -29,7 +29,6 @@ from elid_cli.estimation.validation.following import (
     APART,
     DEFLECTION,
     FACTOR,
-    LOGS,
     OTHERS,
     PACE,
     TIME,
@@ -75,8 +74,6 @@ QUIET, OF_ALL = 0.5, 1e-3
 """Residual over the sensors' noise at any joint below which that noise is none: a drive's torque that chatters, as it
 does on a coarse encoder, is a torque. What is left of every row is then asked by its own size, from this part of the
 torque on."""
-FAR_APART = 2.0
-"""Error of logs together over the sensors' noise, and over what each log's own fit leaves, from which they differ."""
 _LEAST = 60
 """Instants that a row needs to be judged."""
 
@@ -121,29 +118,6 @@ def _hidden(item: BaseEstimate, robot: Robot, far: Container[str]) -> BaseEstima
     """Return a parameter with its reason; `far` are joints with far more than noise left, which makes its error."""
     label = robot.joint_names[item.leader.joint]
     return replace(item, reason=hidden_by_rest(item.reason, label)) if label in far else item
-
-
-def with_differing_logs(found: Identification) -> Identification:
-    """Return an identification of logs that disagree, insufficient where one model leaves far more than each log's own.
-
-    Every log was judged by the residual of its own fit, which says nothing of what all have in common.
-    """
-    own = {(item.joint, item.rows): item.ratio for item in found.noise}
-    named = {(item.joint, item.rows) for item in found.insufficient}
-    more = []
-    for name, error in found.error.items():
-        whole, spring = (error.rms, error.floor), (error.spring_rms, error.spring_floor)
-        rows: dict[Kind, tuple[float | None, float | None]] = {
-            "sum": whole, "load": whole, "motor": spring, "spring": spring,
-        }  # fmt: skip
-        for kind, (rms, floor) in rows.items():
-            ratio = rms / floor if rms and floor else 0.0
-            known = (name, kind) in own and (name, kind) not in named
-            if known and ratio > FAR_APART * max(1.0, own[name, kind]):
-                more.append(Insufficient(name, kind, float(ratio), LOGS, 0.0))
-    if not more:
-        return found
-    return replace(found, insufficient=(*found.insufficient, *more), model="insufficient")
 
 
 def above_noise(error: Mapping[str, JointError], robot: Robot, noise: Sequence[RowNoise]) -> dict[str, JointError]:

@@ -36,6 +36,8 @@ HIDES = "hides it"
 """What a reason ends with where what the model leaves is why a parameter is weak."""
 MOVES_LITTLE = "moves too little against the noise"
 """The same of a motor's parameter."""
+DIFFERS = "it differs from log to log"
+"""How the reason of a parameter ends that logs disagree on."""
 HELD = "held at the robot file's value"
 """What the reason of a parameter begins with that was not looked for."""
 TORQUE_SHARE = 0.01

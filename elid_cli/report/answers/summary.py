@@ -16,7 +16,7 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.known_load import BESIDE_BODIES
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
-from elid_cli.estimation.validation.verdicts import HELD, HIDES, IMPOSSIBLE, TORQUE_SHARE, TURNED, WEAK
+from elid_cli.estimation.validation.verdicts import DIFFERS, HELD, HIDES, IMPOSSIBLE, TORQUE_SHARE, TURNED, WEAK
 from elid_cli.logs.checks.command_scale import TWO_UNITS
 from elid_cli.logs.checks.known_inertias import RUNS
 from elid_cli.logs.checks.known_masses import AGAINST
@@ -71,6 +71,8 @@ NEEDS = {
 """What a log must hold to show a parameter of a joint's drive or transmission."""
 FIRST = "first find what is left at {}, with elid diagnose"
 """What a parameter needs that is hidden by what the model leaves."""
+LIKE = "first find what differs between the logs at {}: each log alone, and elid compare of two results"
+"""What a parameter needs that differs from log to log."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""
 
@@ -248,7 +250,7 @@ def record_sections(
     items = [*further, *(
         (f"for {listed([called(item.name) for item in members])}",
          _where(need, [item.leader.joint for item in members], joints))
-        for need, members in sorted(groups.items(), key=lambda item: item[0] == FIRST)
+        for need, members in sorted(groups.items(), key=lambda item: item[0] in {FIRST, LIKE})
     )]  # fmt: skip
     if not items:
         check = "Nothing more for these parameters. A second log would check them: elid validate."
@@ -264,7 +266,7 @@ def record_sections(
         return check, []
     sentence = f"{upper(cell_text(items[0][1]))} ({items[0][0]}){'; more below' if len(items) > 1 else ''}."
     command = plan_command(log, robot)
-    if (groups.keys() - {FIRST} or found.drives or (plan and not further)) and command != following:
+    if (groups.keys() - {FIRST, LIKE} or found.drives or (plan and not further)) and command != following:
         items.append(("command that plans it", command))
     return sentence, [KeyValues("record", tuple(items), "what to record next")]
 
@@ -280,6 +282,8 @@ def _where(need: str, members: Sequence[int], joints: Sequence[str]) -> str:
 def _needed(item: BaseEstimate) -> str:
     """Return what a log must hold to show a base parameter that this one does not, braces for its joint."""
     kind, joint = item.leader.kind, "{}"
+    if item.reason.endswith(DIFFERS):
+        return LIKE
     for known in ("does not move", "do not move", "no torque", "move it into"):
         if known in item.reason:
             return {

@@ -126,17 +126,13 @@ def test_logs_files_and_mixtures_give_the_same_bytes(place: Path) -> None:
     assert len(classes) == 1
 
 
-def test_merged_logs_agree_with_the_logs_read_as_one(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_merged_logs_agree_with_the_logs_read_as_one(place: Path) -> None:
     robot = read_robot("puma560")
     halves = reduce_jobs(jobs(place, "a.h5", "b.h5"))
-    of_few, _ = identify_reduced(robot, halves)
-    # two logs that differ have errors by Student's distribution with one degree of freedom, which one log has not
-    monkeypatch.setattr("elid_cli.estimation.streaming.between_logs.beyond_normal", lambda degrees: 1.0)
     together = identify(robot, prepare(read_recording([place / "a.h5", place / "b.h5"], robot), robot, SignalOptions()))
     merged, logs = identify_reduced(robot, halves)
     assert len(logs) == 2
-    known = np.isfinite(of_few.std_error) & np.isfinite(merged.std_error)
-    assert np.median(of_few.std_error[known] / merged.std_error[known]) > 1.0
+    assert not [note for note in merged.notes if "disagree" in note]
     both = np.isfinite(together.estimate) & np.isfinite(merged.estimate)
     assert both.sum() >= 50
     # each log chooses its own knots, so that the values differ by a small part of their standard errors
