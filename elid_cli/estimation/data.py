@@ -51,6 +51,11 @@ class SampledData:
         return facts_of(self.signals, self.observation.known)
 
     @property
+    def slow_left_out(self) -> bool:
+        """Whether the user said below which speed samples are left out."""
+        return self.signals.slow_left_out
+
+    @property
     def masked(self) -> Array:
         """Share of instants left out around reversals, per joint, (n,)."""
         return self.observation.masked

@@ -79,7 +79,8 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     """Fit by the default estimator.
 
     First every torque channel has a delay and an offset, and reversals are left out; the residual there decides which
-    joints' reversals count; then nuisances that are not significant, or that predict no better, go.
+    joints' reversals count, unless the user said what is too slow; then nuisances that are not significant, or that
+    predict no better, go.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     delays, offsets = data.delays, data.offsets
     if options.mask is False:
         data = data.counting(np.ones(data.model.robot.n, dtype=bool))
-    elif options.mask is None:
+    elif options.mask is None and not data.slow_left_out:
         data = _with_gliding(base, data, [*delays, *offsets])
     nuisances = [*(delays if options.delays else ()), *(offsets if options.offsets else ())]
     effects = _start_effects(base, data, options.hold)

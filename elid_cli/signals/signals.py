@@ -94,6 +94,8 @@ class Signals(Shown):
     """Integrals of kp (q_des - q) and of kp q_des (`error_integrals`), N·m·s (N·s), (2, N, n); None: of no commands."""
     recording: Recording | None = None
     """What the signals were made from: estimators that model the raw samples start there."""
+    slow_left_out: bool = False
+    """Whether the user said below which speed samples are left out: then they are, even where a motor glides."""
     cutoff_free: bool = False
     """Whether the user left the cut-off of the filter to the data."""
     moved: Array = field(default_factory=lambda: np.zeros(0))
@@ -311,6 +313,7 @@ def prepare(
         filter=filter_,
         margin=round(2 * widest / dt),
         min_velocity=lowest,
+        slow_left_out=options.min_velocity is not None,
         still=still,
         velocity_used=np.any([ratio > 0 for _, ratio in smooth.rates], axis=0)
         if smooth.rates

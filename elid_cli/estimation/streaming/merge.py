@@ -96,7 +96,8 @@ def merged_data(model: Regressor, logs: Sequence[ReducedLog]) -> TriangleData:
     def spread(solution: Solution, nuisances: Sequence[int], gliding: NDArray[np.bool_]) -> Array:
         return together(logs, merged, solution, nuisances, gliding).covariance
 
-    return TriangleData(model, facts, merged, spread, by_links, np.zeros(model.robot.n, dtype=bool))
+    slow = logs[0].options.get("min_velocity") is not None
+    return TriangleData(model, facts, merged, spread, by_links, np.zeros(model.robot.n, dtype=bool), slow)
 
 
 def _disagreement(found: Together, logs: Sequence[ReducedLog], fit: DefaultFit) -> str:

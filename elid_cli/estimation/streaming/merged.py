@@ -123,6 +123,8 @@ class TriangleData:
     links: LinkWay
     gliding: NDArray[np.bool_]
     """Joints whose reversals count, (n,)."""
+    slow_left_out: bool = False
+    """Whether the user said below which speed samples are left out."""
     samples: ClassVar[SampledData | None] = None
     """There are none."""
 

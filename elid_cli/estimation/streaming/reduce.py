@@ -119,7 +119,8 @@ def reduce_log(
         scores.covariance(*one)
     if not asked:
         none = np.zeros(model.robot.n, dtype=bool)
-        data = TriangleData(model, facts, merged, scores.covariance, lambda joint: None, none)
+        slow = signals.slow_left_out
+        data = TriangleData(model, facts, merged, scores.covariance, lambda joint: None, none, slow)
         fit_data(base, data, EstimateOptions())
     return ReducedLog(
         fingerprint(robot),
