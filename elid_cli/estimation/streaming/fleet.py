@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import signal
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -230,11 +231,31 @@ def _on_processes(jobs: Sequence[Job], workers: int) -> Generator[Answer | None,
     from concurrent.futures import ProcessPoolExecutor
 
     # a fresh interpreter each: a fork would copy threads and locks in whatever state they are
+    before = set(multiprocessing.active_children())
     pool: Executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    finished = False
     try:
-        yield from _collected(_submitted(pool, jobs))
+        with _interrupts_held():  # workers inherit that: Ctrl-C, which reaches all processes, is for this one to answer
+            futures = _submitted(pool, jobs)
+        yield from _collected(futures)
+        finished = True
     finally:
+        for worker in () if finished else set(multiprocessing.active_children()) - before:
+            worker.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while processes are started, which then never see it; afterwards it arrives here."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
 
 def _submitted(pool: Executor, jobs: Sequence[Job]) -> list[Future[Answer]]:
