@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from elid_cli.errors import UsageError, first_of, nearest
 from elid_cli.logs.contract import Channel, Pick
-from elid_cli.logs.mapping.find import ABSENT, LISTED, find, rooted
+from elid_cli.logs.mapping.find import ABSENT, LISTED, as_held, find
 from elid_cli.logs.mapping.language import SIGNALS, SignalMap, TimeMap, parse_mapping
 from elid_cli.logs.mapping.plan import Layer, Placement, ReadPlan
 from elid_cli.robot.robot import Robot
@@ -241,7 +241,7 @@ def _numbers(spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot:
 def _stamps(spec: SignalMap, channel: Channel, by_source: Mapping[str, Sequence[Channel]], time: TimeMap | None) -> str:
     """Return the column, dataset or message field with a channel's stamps; empty: the log's own."""
     if not channel.field:
-        return rooted(spec.time, by_source) or (time.source if time else "")
+        return as_held(spec.time, by_source) or (time.source if time else "")
     wanted = spec.time or (time.field or time.source if time else "")
     return wanted if any(other.field == wanted for other in by_source[channel.source]) else ""
 
@@ -304,7 +304,7 @@ def _place_time(
             continue
         wanted = layer.time.field or layer.time.source
         in_messages = any(channel.field == wanted for found in by_source.values() for channel in found)
-        source = rooted(layer.time.source, by_source)
+        source = as_held(layer.time.source, by_source)
         if source in by_source or in_messages:
             own = source.lstrip("/") in ("t", "")
             said = [] if own or not layer.canonical else [f"time is taken from {source}"]
