@@ -12,6 +12,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.checks import options_given
 from elid_cli.errors import DataError, UsageError
+from elid_cli.estimation.drive_gains.gain_errors import with_gain_errors
 from elid_cli.estimation.drive_gains.payload import declared, effect_of
 from elid_cli.estimation.drive_gains.solve import DriveRows, PairFit, fit_pair
 from elid_cli.estimation.identified import Identified
@@ -84,11 +85,11 @@ def identify_with_payload(
     first = replace(first, warnings=(*first.warnings, *over))
     signals = prepare(first, robot, request.signals)
     options = replace(options_given("identify", options, EstimateOptions), fit="torque")  # the gains are about it
-    found = identify(robot, signals, options)
+    found = with_gain_errors(identify(robot, signals, options), fit.relative)
     whole = all(item.gain is not None for item in gains)
     line = _mapping(request, first, gains) if whole else ""
     said = [f"with the gains the torque is mapped by {line}"] if whole else []
-    said.append("standard errors of parameters do not contain those of the gains")
+    said.append("standard errors of parameters contain those of the gains")
     found = replace(found, drive_gains=gains, gain_map=line, notes=(*found.notes, *said))
     return Identified(found, first, (), signals if keep_signals else None)
 

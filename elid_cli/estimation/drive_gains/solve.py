@@ -57,6 +57,8 @@ class PairFit:
     """N·m (N) per unit of the logged torque, (n,); NaN where the logs do not tell it."""
     std_error: Array
     """(n,), of correlated residuals."""
+    relative: Array
+    """Covariance of the gains' relative errors, (n, n); NaN where they are not told."""
 
 
 def fit_pair(
@@ -84,9 +86,10 @@ def fit_pair(
         solution = problem.solve(solution)
     inverse, told = problem.inverse(solution)
     gain, deviation = np.full((2, len(rows)), np.nan)
+    relative = np.full((len(rows), len(rows)), np.nan)
     targets = [(j, problem.place_of_gain(k)) for k, j in enumerate(problem.joints) if told[problem.place_of_gain(k)]]
     if not targets:
-        return PairFit(gain, deviation)
+        return PairFit(gain, deviation, relative)
     scores = problem.scores(solution, rows, carried, inverse[[place for _, place in targets]])
     bandwidth = bandwidth_of(np.ascontiguousarray(scores.T))
     covariance = summed(scores, segment, bandwidth) * uncertain(len(segment), bandwidth)
@@ -94,7 +97,9 @@ def fit_pair(
     for k, (j, place) in enumerate(targets):
         gain[j] = 1.0 / solution[place]
         deviation[j] = np.sqrt(covariance[k, k]) / solution[place] ** 2
-    return PairFit(gain, deviation)
+    joints, own = [j for j, _ in targets], solution[[place for _, place in targets]]
+    relative[np.ix_(joints, joints)] = covariance / np.outer(own, own)
+    return PairFit(gain, deviation, relative)
 
 
 @dataclass(frozen=True)

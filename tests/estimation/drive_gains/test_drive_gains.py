@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import DataError, UsageError
+from elid_cli.estimation.drive_gains.gain_errors import slopes_of
 from elid_cli.estimation.drive_gains.identification import identify_with_payload
 from elid_cli.estimation.drive_gains.payload import parse_payload
 from elid_cli.estimation.drive_gains.solve import DriveRows, fit_pair
@@ -55,6 +56,26 @@ def test_gains_are_recovered_and_the_parameters_with_them(logs: list[str]) -> No
         joint, kind = ROBOT.joints[int(name[-1]) - 1], name[:-1]
         assert names[name] == pytest.approx(joint.parameters[kind], rel=0.08)
     assert found.gain_map.startswith("tau: {from: /tau, scale: [0.")
+
+
+def test_parameters_are_no_surer_than_the_gains(logs: list[str]) -> None:
+    """Friction was up to 11 standard errors off, which left out those of the gains, and "known"."""
+    found = identify_with_payload(replace(unknown(), logs=logs), EstimateOptions(), Payload(MASS, "joint2")).found
+    items = {item.name: item for item in found.parameters}
+    for k, gain in enumerate(found.drive_gains, start=1):
+        assert gain.gain is not None
+        assert gain.std_error is not None
+        for item in (items[f"fs{k}"], items[f"fv{k}"]):
+            assert item.std_error / item.estimate > 0.9 * gain.std_error / gain.gain
+    told = np.array([item.verdict != "refused" for item in found.parameters])
+    assert np.allclose(np.sqrt(np.diag(found.covariance))[told], found.std_error[told], rtol=0.3)
+    assert found.triangles is not None
+    whole = slopes_of(found, found.triangles).sum(
+        axis=1
+    )  # torques that are all larger by 1 % make parameters as much larger
+    names = [name for name in items if name.startswith(("fs", "fv", "m"))]
+    for name in names:
+        assert whole[list(items).index(name)] == pytest.approx(items[name].estimate, rel=1e-6)
 
 
 def test_the_known_centre_makes_gains_surer(logs: list[str]) -> None:
