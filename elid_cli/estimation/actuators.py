@@ -133,9 +133,8 @@ def _given_bodies(
     if error is None or value is None or not error <= REFUSED * abs(value):
         known = "" if error is None or value is None else f": {error:.2g} against {value:.2g}"
         return Value(None, None, "refused", f"the sums with the bodies that show it are not known well enough{known}")
-    verdict: Verdict = "weak" if error > WEAK * abs(value) else "supported"
     why = "the log shows it in sums with the bodies: value and error go with the bodies of the written robot"
-    return Value(value * scale, error * scale, verdict, why)
+    return Value(value * scale, error * scale, "weak", why)
 
 
 def _errors_given_bodies(found: Identification) -> dict[StandardParameter, float]:

@@ -21,12 +21,18 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import POSITIVE, StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
 
+ALIKE = (("m",), ("cx", "cy", "cz"), ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "Jm", "Ja"), ("fs",), ("fv",), ("K",))
+"""Kinds of standard parameters by what they are: those of a group have about the same size."""
+FREE = 10.0
+"""By how many times the largest of its group a parameter is taken to vary that the reference does not give."""
 SHOWN = 2.0
 """Standard errors by which a delay of a channel must differ from 0 to be written."""
 
 
 def representative(base: BaseParameters, estimate: Array, reference: Array, kept: Collection[int] = ()) -> Array:
     """Return standard parameters (p,) that reproduce base parameters exactly and stay nearest to the reference.
+
+    Near is relative, and what the reference does not give goes first.
 
     Parameters
     ----------
@@ -43,7 +49,7 @@ def representative(base: BaseParameters, estimate: Array, reference: Array, kept
     start = np.nan_to_num(reference)
     present = base.transform @ start
     wanted = np.where(np.isfinite(estimate), estimate, present)
-    scale = np.maximum(np.abs(start), 1e-3 * np.maximum(np.abs(start).max(initial=0.0), 1.0))
+    scale = _steps(base, reference)
     scale[list(kept)] = 0.0
     weighted = base.transform * scale
     step = scale * (np.linalg.pinv(weighted, rcond=1e-12) @ (wanted - present).T).T
@@ -51,6 +57,21 @@ def representative(base: BaseParameters, estimate: Array, reference: Array, kept
     # one correction removes the rounding of the pseudo-inverse in the leaders
     result[..., base.leaders] += wanted - (base.transform @ result.T).T
     return result
+
+
+def _steps(base: BaseParameters, reference: Array) -> Array:
+    """Return how readily each standard parameter leaves the reference, (p,), in its own unit: in proportion to it.
+
+    One that the reference does not give goes far beyond the largest of its unit that it gives: what is unknown moves,
+    and not the weight of a described body.
+    """
+    size: Array = np.abs(np.nan_to_num(reference))
+    steps: Array = np.maximum(size, 1e-3 * np.maximum(size.max(initial=0.0), 1.0))
+    groups = [next(k for k, kinds in enumerate(ALIKE) if name.kind in kinds) for name in base.parameters]
+    for group in set(groups):
+        own = np.array(groups) == group
+        steps[own & np.isnan(reference)] = max(FREE * float(size[own].max()), float(steps[own].min()))
+    return steps
 
 
 def identified_robot(found: Identification) -> Robot:

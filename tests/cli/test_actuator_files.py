@@ -63,6 +63,7 @@ def test_values_are_the_robots_with_errors_and_units(drives: tuple[Path, Path, R
     assert "transmission_stiffness" not in told["actuators"]
     # the rotor of the first joint shows with its body's inertia only, and the file says so
     assert "go with the bodies" in told["remarks"]["armature"]["joint1"]
+    assert told["verdict"]["armature"]["joint1"] == "weak"
 
 
 def test_an_mjcf_holds_the_mean_of_a_friction_that_it_has_no_place_for(

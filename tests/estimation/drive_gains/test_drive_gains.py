@@ -70,9 +70,7 @@ def test_parameters_are_no_surer_than_the_gains(logs: list[str]) -> None:
     told = np.array([item.verdict != "refused" for item in found.parameters])
     assert np.allclose(np.sqrt(np.diag(found.covariance))[told], found.std_error[told], rtol=0.3)
     assert found.triangles is not None
-    whole = slopes_of(found, found.triangles).sum(
-        axis=1
-    )  # torques that are all larger by 1 % make parameters as much larger
+    whole = slopes_of(found, found.triangles).sum(axis=1)  # all torques larger by 1 %
     names = [name for name in items if name.startswith(("fs", "fv", "m"))]
     for name in names:
         assert whole[list(items).index(name)] == pytest.approx(items[name].estimate, rel=1e-6)
