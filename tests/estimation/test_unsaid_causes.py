@@ -109,3 +109,19 @@ def test_values_that_a_transmission_that_yields_bends_are_marked_where_it_counts
     assert np.count_nonzero(far > 5.0) > 2
     assert far[~marked].max() < 3.0
     assert not any(p.bias_possible for p in identified(made, made.robot, Laws(), torque=0.005, seed=4).parameters)
+
+
+@pytest.mark.parametrize(("stiffer", "bits"), [(4.0, 13), (64.0, 16)])
+def test_a_deflection_near_the_encoders_step_is_no_missing_effect(stiffer: float, bits: int) -> None:
+    """What the spring passes on was left, as noise had pulled its stiffness to 0, and noise with that was small."""
+    made = make(1, 2, rate=RATE, duration=12.0)
+
+    def harder(robot: Robot) -> Robot:
+        joints = (replace(j, parameters={**j.parameters, "K": stiffer * j.parameters["K"]}) for j in robot.joints)
+        return replace(robot, joints=tuple(joints))
+
+    made = replace(made, truth=harder(made.truth))
+    log = recorded(made, log_of(made, Laws()), db=0.0, counts=2.0**bits, torque=0.005, colour=0.0, seed=1)
+    found = identify(made.robot, prepare(log, made.robot))
+    assert found.model == "sufficient"
+    assert not found.insufficient

@@ -41,13 +41,8 @@ def stiffness_in_noise(model: Regressor, triangles: Triangles, solution: Solutio
         Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
     """
     refused: dict[str, str] = {}
-    for k, joint in enumerate(model.robot.joints):
-        if not joint.elastic:
-            continue
-        left = deciding_deflection(model, triangles, solution, k)
-        if left is None:
-            continue
-        share = float(noise[k] ** 2 / max(left, 1e-300))
+    for k, share in shares_of_noise(model, triangles, solution, noise).items():
+        joint = model.robot.joints[k]
         if share > LARGEST_SHARE:
             reason = f"{min(share, 1.0):.0%} of the deflection that would tell it is encoder noise in {joint.name}"
             refused[StandardParameter("K", k)] = reason
@@ -55,6 +50,30 @@ def stiffness_in_noise(model: Regressor, triangles: Triangles, solution: Solutio
             why = f"{reason}: without K the motor equation takes the link's inertia for the rotor's"
             refused[model.robot.rotor_names[k]] = why
     return refused
+
+
+def shares_of_noise(model: Regressor, triangles: Triangles, solution: Solution, noise: Array) -> dict[int, float]:
+    """Return the noise's share of the energy of the deflection that decides a stiffness, by elastic joint."""
+    joints = [k for k, joint in enumerate(model.robot.joints) if joint.elastic]
+    left = {k: deciding_deflection(model, triangles, solution, k) for k in joints}
+    return {k: float(noise[k] ** 2 / max(value, 1e-300)) for k, value in left.items() if value is not None}
+
+
+def floor_of_pulled(share: float, floor: float, left: float) -> float:
+    """Return what noise leaves of the motor's row whose stiffness it pulls towards 0, N·m (N).
+
+    With a share s of noise a stiffness comes out as (1 - s) K, so that noise and what the spring passes on and the fit
+    does not know leave K² s (1 - s) of the deflection's mean square: 1 / (1 - s) times what noise alone makes with the
+    stiffness as it came out. Where that has collapsed, all that is left may be the spring's torque.
+
+    Parameters
+    ----------
+    share
+        Of noise in the deflection that decides the stiffness.
+    floor, left
+        What noise alone makes with the stiffness as it came out, and what is left of the row, N·m (N).
+    """
+    return max(floor, left) if share > COLLAPSED else floor / math.sqrt(1.0 - share)
 
 
 def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covariance: Array, noise: Array) -> Array:

@@ -19,6 +19,7 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
+from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, shares_of_noise, with_pull
 from elid_cli.model.regressor import EstimationRow
 
 SURE, NOISY = 5.0, 1.4
@@ -70,15 +71,29 @@ def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationR
     basis = solved.solution.basis
     rest = {row: solved.triangles.rms(solved.solution.values, row) for row in quiet if row in solved.triangles.rows}
     shown = all(column in basis and solved.solution.determined(column) for column in columns)
-    if not shown or any(rest[row] > quiet[row] for row in rest):
+    if not shown or any(rest[row] > quiet[row] for row in rest) or _for_noisy_deflection(solved, extra):
         return None
     where = [int(np.flatnonzero(basis == column)[0]) for column in columns]
     values: Array = solved.solution.values[columns]
-    covariance = covariance_of(solved)[np.ix_(where, where)]
+    facts = fit.data.facts
+    covariance = with_pull(fit.model, solved.triangles, solved.solution, covariance_of(solved), facts.deflection_noise)[
+        np.ix_(where, where)
+    ]
     square = float(values @ np.linalg.pinv(covariance) @ values)
     sure = float(np.sqrt(max(square, 0.0)))
     shift = np.abs(solved.transform @ solved.solution.values - fit.transform @ fit.solution.values)
     return Size(values, sure, shift > MOVED * fit.deviations(fit.covariance))
+
+
+def _for_noisy_deflection(solved: Solved, extra: ExtraColumns) -> bool:
+    """Whether columns stand for a deflection in which noise decides beside them: without it, for the spring's torque.
+
+    A predicted torque is free of the encoders' noise, and explains a motor's row better than a deflection near their
+    step: by a gain of 1, and no stiffness.
+    """
+    noise = solved.data.facts.deflection_noise
+    shares = shares_of_noise(solved.model, solved.triangles, solved.solution, noise)
+    return any(row.kind == "motor" and shares.get(row.joint, 0.0) > LARGEST_SHARE for row in extra.rows)
 
 
 def absorbed_gains(

@@ -21,6 +21,7 @@ from elid_cli.estimation.regression.nuisances import delay_columns, offset_colum
 from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.result import BaseEstimate, Identification
+from elid_cli.estimation.stiffness.noise import floor_of_pulled, shares_of_noise
 from elid_cli.estimation.validation.absorbed_gains import absorbed_gains
 from elid_cli.estimation.validation.absorbed_zeros import absorbed_zeros
 from elid_cli.estimation.validation.column_noise import columns_of
@@ -157,9 +158,9 @@ def judge_model(fit: DefaultFit) -> Judgement:
     observation = part.observation
     standard = part.solution.values[: fit.model.parameters]
     noise = propagated(fit.model, part.signals, observation, replicates=1)
-    floor = noise.floor(standard)
     rows = residuals(observation, part.solution.values, part.extras)
     left = {g.row: rows[g.row] for g in observation.independent}
+    floor = _of_pulled_stiffness(part, noise.floor(standard), left)
 
     def own(group: RowGroup) -> Array:
         return full_columns(group, part.extras, observation.parameters)[1]
@@ -176,6 +177,17 @@ def judge_model(fit: DefaultFit) -> Judgement:
     absorbed = [Insufficient(n.joint, n.rows, n.ratio, word, 0.0) for word, joints in off.items() for n in seen.noise
                 if n.rows == "sum" and n.joint in [names[k] for k in joints]]  # fmt: skip
     return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise))
+
+
+def _of_pulled_stiffness(fit: DefaultFit, floor: Floor, left: Mapping[EstimationRow, Array]) -> Floor:
+    """Return the noise of every row, also of motors whose stiffness came out too small for the noise in deflections."""
+    noise, rms = fit.data.facts.deflection_noise, dict(floor.rms)
+    sizes = _sizes(fit.observation, left, None)
+    for joint, share in shares_of_noise(fit.model, fit.triangles, fit.solution, noise).items():
+        row = EstimationRow("motor", joint)
+        if row in rms and row in sizes and np.isfinite(share):
+            rms[row] = floor_of_pulled(share, rms[row], sizes[row].size)
+    return replace(floor, rms=rms)
 
 
 def judge_prediction(found: Validation) -> Judgement:
