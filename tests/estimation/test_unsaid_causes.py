@@ -111,7 +111,7 @@ def test_values_that_a_transmission_that_yields_bends_are_marked_where_it_counts
     assert not any(p.bias_possible for p in identified(made, made.robot, Laws(), torque=0.005, seed=4).parameters)
 
 
-@pytest.mark.parametrize(("stiffer", "bits"), [(4.0, 13), (64.0, 16)])
+@pytest.mark.parametrize(("stiffer", "bits"), [(4.0, 13), (256.0, 13), (64.0, 16)])
 def test_a_deflection_near_the_encoders_step_is_no_missing_effect(stiffer: float, bits: int) -> None:
     """What the spring passes on was left, as noise had pulled its stiffness to 0, and noise with that was small."""
     made = make(1, 2, rate=RATE, duration=12.0)

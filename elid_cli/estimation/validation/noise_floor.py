@@ -30,6 +30,8 @@ class Floor:
     rms: Mapping[EstimationRow, float]
     series: Mapping[EstimationRow, Array]
     """Noise series per row, (replicates, M), N·m."""
+    pulled: frozenset[EstimationRow] = frozenset()
+    """Rows of motors in whose deflection noise is large: it pulls their stiffness."""
 
 
 @dataclass(frozen=True)

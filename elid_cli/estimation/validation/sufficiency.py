@@ -21,7 +21,7 @@ from elid_cli.estimation.regression.nuisances import delay_columns, offset_colum
 from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.result import BaseEstimate, Identification
-from elid_cli.estimation.stiffness.noise import floor_of_pulled, shares_of_noise
+from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, floor_of_pulled, shares_of_noise
 from elid_cli.estimation.validation.absorbed_gains import absorbed_gains
 from elid_cli.estimation.validation.absorbed_zeros import absorbed_zeros
 from elid_cli.estimation.validation.column_noise import columns_of
@@ -181,13 +181,15 @@ def judge_model(fit: DefaultFit) -> Judgement:
 
 def _of_pulled_stiffness(fit: DefaultFit, floor: Floor, left: Mapping[EstimationRow, Array]) -> Floor:
     """Return the noise of every row, also of motors whose stiffness came out too small for the noise in deflections."""
-    noise, rms = fit.data.facts.deflection_noise, dict(floor.rms)
+    noise, rms, pulled = fit.data.facts.deflection_noise, dict(floor.rms), set[EstimationRow]()
     sizes = _sizes(fit.observation, left, None)
     for joint, share in shares_of_noise(fit.model, fit.triangles, fit.solution, noise).items():
         row = EstimationRow("motor", joint)
         if row in rms and row in sizes and np.isfinite(share):
             rms[row] = floor_of_pulled(share, rms[row], sizes[row].size)
-    return replace(floor, rms=rms)
+            if share > LARGEST_SHARE:
+                pulled.add(row)
+    return replace(floor, rms=rms, pulled=frozenset(pulled))
 
 
 def judge_prediction(found: Validation) -> Judgement:
@@ -248,7 +250,9 @@ def _judged_rows(
     alone = signals.recording is None or signals.recording.parts == 1  # else times are of no log
     said = _Seen([], [], [], {})
     sizes = _sizes(observation, left, chosen)
-    unknown = fitted and any(_quiet(item.size, floor.rms[row], item.torque) for row, item in sizes.items())
+    # what encoders leave of a deflection near their step is known to a factor of two: no sign of a torque that chatters
+    asked = {row: item for row, item in sizes.items() if row not in floor.pulled}
+    unknown = fitted and any(_quiet(item.size, floor.rms[row], item.torque) for row, item in asked.items())
     for group in observation.independent:
         row = group.row
         if row not in sizes:
