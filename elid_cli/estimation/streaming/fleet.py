@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import io
-import signal
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -23,6 +22,7 @@ from elid_cli import errors
 from elid_cli.errors import ElidError, UsageError, check_kind
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.smooth_commands import as_told
+from elid_cli.estimation.streaming.interrupts import interrupts_held
 from elid_cli.estimation.streaming.reduce import asked_of, reduce_log
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, without_positions
 from elid_cli.logs import read_recording
@@ -235,7 +235,7 @@ def _on_processes(jobs: Sequence[Job], workers: int) -> Generator[Answer | None,
     pool: Executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
     finished = False
     try:
-        with _interrupts_held():  # workers inherit that: Ctrl-C, which reaches all processes, is for this one to answer
+        with interrupts_held():  # workers inherit that: Ctrl-C, which reaches all processes, is for this one to answer
             futures = _submitted(pool, jobs)
         yield from _collected(futures)
         finished = True
@@ -243,19 +243,6 @@ def _on_processes(jobs: Sequence[Job], workers: int) -> Generator[Answer | None,
         for worker in () if finished else set(multiprocessing.active_children()) - before:
             worker.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while processes are started, which then never see it; afterwards it arrives here."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
 
 def _submitted(pool: Executor, jobs: Sequence[Job]) -> list[Future[Answer]]:
