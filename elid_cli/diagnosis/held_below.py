@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from elid_cli.diagnosis.fit.quieter_log import QUIET
-from elid_cli.diagnosis.lower_cutoff import LEAST
+from elid_cli.diagnosis.lower_cutoff import LEAST, told_anew
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.errors import DataError
 from elid_cli.estimation.cutoff import at_best_cutoff
@@ -66,7 +66,7 @@ def held_below(
         except DataError:  # it excites no parameter below that cut-off
             break
         if other.partial:
-            return told
+            return told_anew(told, partial=True)
         searched.append(cutoff)
         if not other.unexplained and any(effect.effect in kinds for effect in other.effects):
             return replace(other, searched_at=tuple(searched))

@@ -55,14 +55,14 @@ def looked_closer(told: Diagnosis, signals: Signals, again: Callable[[Signals], 
         except DataError:  # it excites no parameter below that cut-off
             break
         searched.append(cutoff)
-        told = _told_anew(told, searched_at=tuple(searched))
+        told = told_anew(told, searched_at=tuple(searched))
         more = other.partial or (bool(other.effects or other.unexplained) if doubted else _borne_out(other))
         if more and (other.partial or names_of(told) <= names_of(other)):
             told = replace(other, searched_at=tuple(searched))
     return told if told.partial else _doubted(told)
 
 
-def _told_anew(told: Diagnosis, **changes: Any) -> Diagnosis:
+def told_anew(told: Diagnosis, **changes: Any) -> Diagnosis:
     """Return a diagnosis with something else said of the same models; what was computed of these is kept."""
     other = replace(told, **changes)
     vars(other).update({name: value for name, value in vars(told).items() if name not in vars(other)})
@@ -97,4 +97,4 @@ def _doubted(told: Diagnosis) -> Diagnosis:
         for item in after.insufficient
         if item.joint not in known and (item.joint, item.rows) in floors
     ]  # fmt: skip
-    return _told_anew(told, unexplained=(*told.unexplained, *found), sufficient=False) if found else told
+    return told_anew(told, unexplained=(*told.unexplained, *found), sufficient=False) if found else told

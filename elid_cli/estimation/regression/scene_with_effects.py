@@ -18,7 +18,7 @@ torque, below which they do: a round leaves as much of the error as friction fol
 PASSING = "spring", "encoder"
 """Places of effects that act through the transmission."""
 ROUNDS, BAND = 4, 1.6
-"""Times that a deflection under load is found from the load that it leaves itself, and cut-off of that load,
+"""Most times that a deflection under load is found from the load that it leaves itself, and cut-off of that load,
 over that of the equations."""
 ON_LINKS = "link", "chain"
 """Places of effects that act on the links alone."""
@@ -34,9 +34,13 @@ def with_found(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
         return scene
     slow = [pair for pair in effects if pair[0].quasi_static]
     rest = _passed_on(scene, [pair for pair in effects if not pair[0].quasi_static])
-    found = _with(scene, effects, rest)
+    found, before = _with(scene, effects, rest), np.inf
     for _ in range(ROUNDS if slow else 0):
-        found = _with(scene, effects, rest + _below(found, _passed_on(found, slow)))
+        other = _with(scene, effects, rest + _below(found, _passed_on(found, slow)))
+        change = float(np.linalg.norm(other.load - found.load))
+        if not change < before:  # it grows from round to round: no load settles with so much compliance
+            break
+        found, before = other, change
     return found
 
 

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.conftest import interruptible
+
 LOGS = Path(__file__).parents[3] / "sample_logs"
-
-
-def _listening() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # whoever started the tests in the background turned it off
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts processes in /proc")
@@ -29,7 +27,7 @@ def test_workers_say_nothing_when_all_are_interrupted(later: float) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=_listening,
+        preexec_fn=interruptible,
     )
     children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
     until = time.monotonic() + 20.0

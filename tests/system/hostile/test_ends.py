@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.conftest import interruptible
 from tests.system.hostile.hostile import ROBOT, elid, one_message
 from tests.system.hostile.test_csv_files import saved, table
 
@@ -49,11 +50,6 @@ def whole(folder: Path, *, old: bool) -> None:
         else:
             done = elid("classify", "--robot", path)
             assert done.code == 0, done.err
-
-
-def interruptible() -> None:
-    """Let Control-C act in a child even where this process was started in the background, which ignores it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.mark.parametrize("old", [False, True])
