@@ -14,8 +14,9 @@ from elid_cli.robot.robot import Robot
 
 CUTOFFS = (10.0, 7.0, 5.0, 3.5, 2.5)
 """Tried besides the usual one, Hz."""
-MORE = 1.15
-"""Part by which what is left over the noise may be above the least of all."""
+MORE = 1.05
+"""Part by which what is left over the noise may be above the least of all. Measured: with 1.15, stiffnesses were up to
+4.4 standard errors off, at a cut-off above the antiresonance that left 6 % more than the best one."""
 
 T = TypeVar("T")
 

@@ -106,10 +106,11 @@ def silences(state: State, number: int) -> bool:
 
     The noise of a row is believed as far as rows of its kind show it that the effect does not touch: where those are
     below it without any fault, it is taken for too large in this one as well. Motors that jump through a gap are no
-    noise. A channel that is moved in time hides none either, nor do a load or gravity, whose torque follows from the
-    motion of all joints together: they leave no row of their kind to ask.
+    noise. A channel that is moved in time hides none either, nor do a load, gravity or transmissions that yield, whose
+    torque follows from the motion of all joints together: they leave no row of their kind to ask.
     """
-    if state.effects[number].corrects is not None or state.effects[number].whole_robot:
+    effect = state.effects[number]
+    if effect.corrects is not None or effect.whole_robot or effect.quasi_static:
         return False
     lacking, touching = without(state, number), state.columns[number].rows
     rows = state.triangles.rows
