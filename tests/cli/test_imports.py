@@ -68,3 +68,28 @@ def test_triangles_are_reduced_and_identified_without_readers_of_other_logs(tmp_
     file = str(tmp_path / "log.npz")
     assert not loaded("reduce", CSV, "--robot", "planar2", "-o", file, "--json") & {*NOT_SCIPY, *HEAVY}
     assert not loaded("identify", file, "--robot", "planar2", "--json") & {*NOT_SCIPY, *HEAVY}
+
+
+FIRST_SIGN = """
+import os, sys
+class Terminal:
+    def write(self, text):
+        if text.strip():
+            print(*sorted(sys.modules), flush=True)
+            os._exit(0)
+    def flush(self):
+        pass
+    def isatty(self):
+        return True
+sys.stderr = Terminal()
+from elid_cli.cli import main
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose", "validate"])
+def test_a_first_sign_of_life_comes_before_what_takes_long_to_load(verb: str) -> None:
+    command = [sys.executable, "-c", FIRST_SIGN, verb, MCAP, "--robot", "planar2"]
+    modules = set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+    assert "elid_cli.cli" in modules
+    assert not modules & ({"scipy", "numba", *HEAVY} - {"rich"})  # Rich draws the sign

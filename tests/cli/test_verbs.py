@@ -5,8 +5,6 @@ from __future__ import annotations
 import fcntl
 import gzip
 import json
-import os
-import pty
 import re
 import shlex
 import signal
@@ -293,28 +291,6 @@ def test_progress_is_shown_on_a_terminal_only_and_is_gone_at_the_end(elid, place
     assert "\x1b[2K" in shown.split("spindle")[0]  # the line is erased before the report
     for extra, env in [(("--quiet",), {}), ((), {"TERM": "dumb"})]:
         assert "reading" not in elid.terminal(*arguments, *extra, **env)[1].split("spindle")[0]
-
-
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processor time of a running process")
-def test_a_first_sign_of_life_within_half_a_second(place: Path, tmp_path: Path) -> None:
-    # bytecode of its own from the first start on, whatever is set or compiled where the tests run
-    bytecode = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(tmp_path)}
-    taken = []
-    for _ in range(3):
-        master, slave = pty.openpty()
-        process = subprocess.Popen(
-            [*Elid.command, "identify", str(place / LOG), "--robot", str(place / ROBOT)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=slave,
-            env=environment(COLUMNS="80", **bytecode),
-        )  # fmt: skip
-        os.close(slave)
-        os.read(master, 100)
-        # processor time until then, since other tests may take the machine meanwhile
-        user, system = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13]
-        taken.append((int(user) + int(system)) / os.sysconf("SC_CLK_TCK"))
-        process.wait()
-        os.close(master)
-    assert min(taken) < 0.5
 
 
 def waiting_in(pipe: int) -> int:

@@ -50,8 +50,9 @@ def test_what_was_far_from_noise_may_come_below_it(
     lacking: Any = SimpleNamespace(rms=lambda _: before, floor=floor)
     monkeypatch.setattr(leftover, "without", lambda *_: lacking)
     noise = SimpleNamespace(floor=lambda _: floor)
+    effect = SimpleNamespace(corrects=None, whole_robot=False, quasi_static=False)
     state: Any = SimpleNamespace(
-        effects=[SimpleNamespace(corrects=None, whole_robot=False)], columns=[SimpleNamespace(rows={ROW: None})],
+        effects=[effect], columns=[SimpleNamespace(rows={ROW: None})],
         triangles=SimpleNamespace(rows={ROW: None}, torque_rms=lambda _: 10.0), floor=floor, rms=lambda _: after,
         log=SimpleNamespace(noise_alone=noise), standard=None,
     )  # fmt: skip
