@@ -98,6 +98,33 @@ def replacing(path: str | Path) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def filling(folder: str | Path) -> Iterator[Path]:
+    """Yield a folder, made if it is missing, and leave nothing new in it where the block does not end well.
+
+    Raises
+    ------
+    UsageError
+        The folder cannot be made.
+    """
+    target = Path(folder)
+    earlier = {item.name for item in target.iterdir()} if target.is_dir() else None
+    try:
+        target.mkdir(exist_ok=True)
+    except OSError as problem:
+        raise UsageError(f"{target}: cannot be made", detail=str(problem.strerror).lower()) from problem
+    try:
+        yield target
+    except BaseException:
+        for item in target.iterdir():
+            if item.name not in (earlier or ()) and not item.is_dir():
+                item.unlink(missing_ok=True)
+        if earlier is None:
+            with contextlib.suppress(OSError):
+                target.rmdir()
+        raise
+
+
 def refuse_overwriting(inputs: Iterable[tuple[str, str]], outputs: Iterable[tuple[str, str]]) -> None:
     """Refuse, before any work is done, to write a file over one that is read, or two outputs to one file.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from elid_cli.errors import UsageError
 from elid_cli.experiment.robot_file import not_held, write_described
-from elid_cli.files import check_target, check_writable
+from elid_cli.files import check_target, check_writable, filling
 
 if TYPE_CHECKING:
     from elid_cli.estimation.sampling.sets import ParameterSets
@@ -61,16 +61,13 @@ def write_sets(sets: ParameterSets, path: Path) -> list[str]:
     if not _is_folder(path):
         (write_npz if path.suffix.lower() == ".npz" else write_csv)(sets, path)
         return []
-    try:
-        path.mkdir(exist_ok=True)
-    except OSError as problem:
-        raise UsageError(f"{path}: cannot be made", detail=str(problem.strerror).lower()) from problem
     robots = sets.robots()
     suffix = Path(robots[0].source).suffix or ".yaml"
     digits = len(str(len(robots)))
-    for number, robot in enumerate(robots, start=1):
-        write_described(robot, str(path / f"set_{number:0{digits}d}{suffix}"))
-    write_csv(sets, path / TABLE)
+    with filling(path):
+        for number, robot in enumerate(robots, start=1):
+            write_described(robot, str(path / f"set_{number:0{digits}d}{suffix}"))
+        write_csv(sets, path / TABLE)
     return [f"{path}: {sentence}" for sentence in not_held(robots[0], f"set{suffix}")]
 
 

@@ -1,7 +1,7 @@
 """The antiresonance that a robot file means, and what a motion and a log must reach to show it.
 
-The link swings against the held motor at sqrt(K / Jl) / 2π. What refuses a stiffness and what plans the motion that
-shows it ask here, so that they say the same frequency.
+The link swings against the held motor at sqrt(K / Jl) / 2π, Jl its inertia while other links give way. What refuses a
+stiffness and what plans the motion that shows it ask here, so that they say the same frequency.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ LOG_RATE = 1000.0
 """Samples per second to log with, at least."""
 RIGID_ERROR = 0.05
 """Error of the torque up to which a rigid joint counts as a description."""
-ROTOR = 0.35
-"""Share of all inertia that a rotor of unknown inertia is taken to have."""
 LEAST_LINK = 0.05
-"""Least share of a link."""
+"""Least share of a link in all inertia that its motor moves."""
+LEAST_FREE = 0.02
+"""Least eigenvalue of the links' mass matrix, its diagonal 1: bodies that no real one has must not turn it negative."""
 POSES = 20
 SPREAD = 0.5
 """Share of the joints' ranges that the poses cover."""
@@ -40,6 +40,14 @@ def moved_inertias(robot: Robot) -> Array:
 
     Typical values stand where the robot file has none.
     """
+    return np.asarray(_inertias(robot, motors_move=True).diagonal(axis1=1, axis2=2).mean(axis=0))
+
+
+def _inertias(robot: Robot, *, motors_move: bool) -> Array:
+    """Return the mass matrix in several poses, kg·m² (kg), (poses, n, n): of the links, or with motors that go along.
+
+    A motor of an elastic joint that does not is held in the frame that carries it; a rigid joint's always goes along.
+    """
     from elid_cli.model.consistency import consistency, prior
     from elid_cli.model.regressor import Regressor
     from elid_cli.signals.motion import Motion
@@ -52,25 +60,40 @@ def moved_inertias(robot: Robot) -> Array:
     still = np.zeros_like(q)
 
     def torque(ddq: Array) -> Array:
-        motion = Motion(np.zeros(len(q)), q, still, ddq, q, still, ddq)
+        motion = Motion(np.zeros(len(q)), q, still, ddq, q, still, ddq if motors_move else still)
         whole = model.dense(motion, model.equations) @ parameters
         total = np.zeros_like(q)
         for item, values in zip(model.equations.rows, whole, strict=True):
-            total[:, item.row.joint] += values
+            if motors_move or item.row.kind != "motor":
+                total[:, item.row.joint] += values
         return np.asarray(total)
 
     rest = torque(still)
-    unit = np.eye(robot.n)
-    return np.asarray(np.array([np.mean(torque(still + unit[k])[:, k] - rest[:, k]) for k in range(robot.n)]))
+    return np.stack([torque(still + unit) - rest for unit in np.eye(robot.n)], axis=2)
 
 
-def expected_antiresonance(robot: Robot, joint: int) -> float:
-    """Return the antiresonance of a joint that the robot file means, Hz; NaN where it gives no stiffness."""
+def expected_antiresonance(robot: Robot, joint: int, *, others_move: bool = True) -> float:
+    """Return the antiresonance of a joint that the robot file means, Hz; NaN where it gives no stiffness.
+
+    Parameters
+    ----------
+    robot
+        Its bodies and K; typical values stand where it has no bodies.
+    joint
+        Number from 0.
+    others_move
+        Whether the links of all other joints give way, which leaves less inertia to this spring: the highest
+        antiresonance to expect. False: they are held, the lowest.
+    """
     values = dict(zip(robot.parameter_names(), robot.reference().tolist(), strict=True))
     stiffness = values.get(StandardParameter("K", joint), np.nan)
     if not stiffness > 0:
         return float("nan")
-    inertia = float(moved_inertias(robot)[joint])
-    rotor = values[robot.rotor_names[joint]] * (robot.joints[joint].gear_ratio or 1.0) ** 2
-    link = inertia - (rotor if np.isfinite(rotor) else ROTOR * inertia)
-    return float(np.sqrt(stiffness / max(link, LEAST_LINK * inertia)) / (2 * np.pi))
+    links = _inertias(robot, motors_move=False)
+    held = links.diagonal(axis1=1, axis2=2).mean(axis=0)
+    least = max(held[joint], LEAST_LINK * moved_inertias(robot)[joint])
+    if not others_move:
+        return float(np.sqrt(stiffness / least) / (2 * np.pi))
+    size, axes = np.linalg.eigh(links / np.sqrt(np.outer(held, held)))
+    moved = np.mean(np.sum(axes[:, joint] ** 2 / np.maximum(size, LEAST_FREE), axis=1))
+    return float(np.sqrt(stiffness * moved / least) / (2 * np.pi))

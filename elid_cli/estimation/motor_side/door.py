@@ -159,7 +159,8 @@ def _may_bend(found: Identification, joint: MotorSideJoint) -> bool:
         return False
     from elid_cli.model.antiresonance import RIGID_ERROR, expected_antiresonance
 
-    cutoff, expected = found.settings.get("cutoff"), expected_antiresonance(found.robot, joint.number)
+    cutoff = found.settings.get("cutoff")
+    expected = expected_antiresonance(found.robot, joint.number, others_move=False)
     # a link below its antiresonance f0 needs 1 / (1 - (f / f0)^2) of the torque of a rigid one
     stiff = isinstance(cutoff, float) and cutoff <= expected * (RIGID_ERROR / (1.0 + RIGID_ERROR)) ** 0.5
     return not stiff

@@ -77,8 +77,11 @@ class Pair:
 
     @property
     def opposite(self) -> bool:
-        """Whether the two positions move opposite to each other."""
-        return abs(self.correlation) >= ALIKE and self.slope < 0
+        """Whether the two positions move opposite to each other, which no division by the gear ratio mends."""
+        if abs(self.correlation) < ALIKE or self.slope > 0:
+            return False
+        mend = self.factor()[1] if self.scaled and self.gear < 0 else None
+        return mend is None or "side: motor" not in mend[1]
 
     def shift(self, bent: float = math.nan) -> float:
         """Return by how much, rad or m, theta's zero is off beside what the load bends the spring by; 0: not shown.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.robot.robot import Robot
+from elid_cli.errors import in_words
+from elid_cli.robot.robot import Joint, Robot
 
 BEYOND = 1.5
 """Times the limit of a torque, or of a speed, that no robot was driven at."""
@@ -20,13 +22,23 @@ WRONG = "the unit or the side (motor or joint) is wrong"
 NAMES = {"tau": "effort", "dq": "velocity"}
 
 
+@dataclass(frozen=True)
+class _Beyond:
+    """How far one joint is beyond a limit."""
+
+    name: str
+    times: float
+    """In limits."""
+    said: str
+
+
 def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str]:
-    """Yield a sentence per joint and signal that is far beyond the joint's limits.
+    """Yield a sentence per signal that is far beyond the limits of its joints: the farthest, and which others are.
 
     Parameters
     ----------
     q
-        Positions of links or motors at the joint, contiguous, (N, n).
+        Positions of links or motors at the joint, contiguous, (N, n); not a number where a unit is known to be wrong.
     tau
         Torques at the same instants, (N, n).
     dt
@@ -35,32 +47,51 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
         Its limits, of which those that are unknown are not looked at.
     """
     speed = np.diff(q, axis=0) / dt if len(q) > 1 else q
-    for j, joint in enumerate(robot.joints):
-        limits, turns = joint.limits, joint.revolute
-        units = {"tau": "N·m" if turns else "N", "dq": "rad/s" if turns else "m/s"}
-        for signal, values, limit in (("tau", tau[:, j], limits.torque), ("dq", speed[:, j], limits.velocity)):
-            if not limit:
-                continue
-            known = np.abs(values[np.isfinite(values)])
-            if not known.max(initial=0.0) > BEYOND * limit:
-                continue  # as in all but a few logs: no need of the percentile
-            largest = float(np.percentile(known, MOST))
-            if largest > BEYOND * limit:
-                yield (
-                    f"{joint.name}: {signal} reaches {largest:.4g} {units[signal]}, {largest / limit:.3g} times the "
-                    f"{NAMES[signal]} limit of {limit:g}: {WRONG}, or the limit is"
-                )
-        known = q[np.isfinite(q[:, j]), j]
-        if limits.position is None or not known.size:
-            continue
-        low, high = limits.position
-        slack = OUTSIDE * (high - low)
-        if known.min() >= low - slack and known.max() <= high + slack:
-            continue
-        least, most = np.percentile(known, (100 - MOST, MOST)).tolist()
-        if least < low - slack or most > high + slack:
-            unit = "rad" if turns else "m"
-            yield (
-                f"{joint.name}: positions from {least:.4g} to {most:.4g} {unit} are outside its limits, {low:g} to "
-                f"{high:g}: the unit, the side (motor or joint) or the zero is wrong, or the limits are"
-            )
+    for signal, values in (("tau", tau), ("dq", speed)):
+        far = [_fast(joint, signal, values[:, j]) for j, joint in enumerate(robot.joints)]
+        yield from _farthest([item for item in far if item is not None], f"{WRONG}, or the limit is")
+    outside = [_outside(joint, q[:, j]) for j, joint in enumerate(robot.joints)]
+    why = "the unit, the side (motor or joint) or the zero is wrong, or the limits are"
+    yield from _farthest([item for item in outside if item is not None], why)
+
+
+def _farthest(beyond: Sequence[_Beyond], why: str) -> Iterator[str]:
+    """Yield what is said of the joint that is farthest beyond its limit, with the other joints' names."""
+    if not beyond:
+        return
+    worst = max(beyond, key=lambda item: item.times)
+    others = in_words([item.name for item in beyond if item is not worst])
+    also = f" ({others} {'is' if len(beyond) == 2 else 'are'} beyond as well)" if others else ""
+    yield f"{worst.name}: {worst.said}{also}: {why}"
+
+
+def _fast(joint: Joint, signal: str, values: Array) -> _Beyond | None:
+    """Return how far torque or speed, (N,), is beyond its limit; None: not far."""
+    limit = joint.limits.torque if signal == "tau" else joint.limits.velocity
+    known = np.abs(values[np.isfinite(values)])
+    if not limit or not known.max(initial=0.0) > BEYOND * limit:
+        return None  # as in all but a few logs: no need of the percentile
+    largest = float(np.percentile(known, MOST))
+    if not largest > BEYOND * limit:
+        return None
+    unit = joint.units[1] if signal == "tau" else joint.units[0] + "/s"
+    return _Beyond(
+        joint.name, largest / limit,
+        f"{signal} reaches {largest:.4g} {unit}, {largest / limit:.3g} times the {NAMES[signal]} limit of {limit:g}",
+    )  # fmt: skip
+
+
+def _outside(joint: Joint, q: Array) -> _Beyond | None:
+    """Return how far positions (N,) are outside their range; None: not far."""
+    known = q[np.isfinite(q)]
+    if joint.limits.position is None or not known.size:
+        return None
+    low, high = joint.limits.position
+    slack = OUTSIDE * (high - low)
+    if known.min() >= low - slack and known.max() <= high + slack:
+        return None
+    least, most = np.percentile(known, (100 - MOST, MOST)).tolist()
+    if least >= low - slack and most <= high + slack:
+        return None
+    said = f"positions from {least:.4g} to {most:.4g} {joint.units[0]} are outside its limits, {low:g} to {high:g}"
+    return _Beyond(joint.name, max(low - least, most - high) / max(high - low, 1e-9), said)

@@ -11,8 +11,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import in_words
 from elid_cli.logs.checks.command_scale import command_scales, command_words
 from elid_cli.logs.checks.coupled_motors import coupled_motors
 from elid_cli.logs.checks.encoder_pairs import IF_SO, Pair, as_yaml, proposed, swap
@@ -68,16 +70,20 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     found.extend(limited(np.where(computed, np.nan, checked.tau) if np.any(computed) else checked.tau, robot))
     whole = slice(start, min(stop, start + SAMPLES))
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
-    found.extend(_far(sides, robot))
-    found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
+    far = _beyond_any(sides)
+    # what another unit explains is said once
+    likely = np.where(far, np.nan, sides)
+    found.extend(beyond_limits(likely, checked.tau[whole], aligned.dt, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     compared = [pair for pair in pairs if pair is not None]
     if not any(pair.opposite for pair in compared):  # else the torques would be blamed for the positions
         said, doubted = _described(checked, sides, whole, aligned.dt, robot, plan)
         found.extend(said)
+        far[doubted] = False
         # a deflection in another unit says nothing of zeros and torques
         compared = [pair for pair in compared if pair.j not in doubted] or compared
+    found.extend(_far(sides, far, robot))
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
         scaled = command_scales(shown, sides, robot)
@@ -100,15 +106,25 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     return found
 
 
-def _far(positions: Array, robot: Robot) -> Iterator[str]:
-    """Name joints that go farther than robots' joints do, positions (N, n)."""
+def _far(positions: Array, far: NDArray[np.bool_], robot: Robot) -> Iterator[str]:
+    """Name the joints `far` (n,) that go farther than robots' joints do, positions (N, n)."""
     reach = np.nanmax(np.abs(positions), axis=0, initial=0.0)
-    some = np.any(reach <= FAR)
-    for joint, size in zip(robot.joints, reach.tolist(), strict=True):
-        if size > FAR:
-            unit, other, key = ("rad", "degrees", "deg") if joint.revolute else ("m", "mm", "mm")
-            key = f"{{{joint.name}: {key}}}" if some else key
-            yield f"{joint.name}: its position reaches {size:.4g} {unit}: if it is in {other}, map it with unit: {key}"
+    for turns, other, key in ((True, "degrees", "deg"), (False, "mm", "mm")):
+        own = [k for k in np.flatnonzero(far).tolist() if robot.joints[k].revolute == turns]
+        if not own:
+            continue
+        names = [robot.joint_names[k] for k in own]
+        keys = key if far.all() and len(own) == robot.n else f"{{{', '.join(f'{name}: {key}' for name in names)}}}"
+        size = f"{max(reach[own]):.4g} {robot.joints[own[0]].units[0]}"
+        if len(own) == 1:
+            yield f"{names[0]}: its position reaches {size}: if it is in {other}, map it with unit: {keys}"
+        else:
+            yield f"{in_words(names)}: positions reach {size}: if they are in {other}, map them with unit: {keys}"
+
+
+def _beyond_any(positions: Array) -> NDArray[np.bool_]:
+    """Return of which joints positions (N, n) go farther than robots' joints do, (n,)."""
+    return np.asarray(np.nanmax(np.abs(positions), axis=0, initial=0.0) > FAR)
 
 
 def _described(

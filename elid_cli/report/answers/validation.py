@@ -81,7 +81,10 @@ def _missing(said: Judgement, *, alone: bool) -> str:
     """Return what the described robot lacks: an effect, or other values of its parameters."""
     if said.misfitted and not said.insufficient:
         rows, moment = rows_words(said.misfitted), moment_words(said.noise)
-        return f"Perhaps nothing: other parameters, a delay or an offset would explain that {rows}.{moment}"
+        return (
+            f"Perhaps no effect: values of parameters other than this file's, a delay or an offset of the torque would "
+            f"explain that {rows}.{moment}"
+        )
     return lacking_words(said.model, said.insufficient, said.noise, alone=alone)
 
 

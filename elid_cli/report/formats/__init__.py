@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from elid_cli.errors import UsageError, did_you_mean
-from elid_cli.files import check_writable, replacing, write_text
+from elid_cli.files import check_writable, filling, replacing, write_text
 from elid_cli.report.tree import Report, file_name, shown
 
 
@@ -119,8 +119,8 @@ def draw(report: Report, folder: Path, suffix: str = "png") -> None:
     """Write the report's figures into a folder, made if it is missing: one file each, whole or not at all."""
     from elid_cli.report.figures import kinds, picture
 
-    folder.mkdir(exist_ok=True)
-    for figure in shown(report).figures:
-        if figure.kind in kinds():
-            with replacing(folder / f"{file_name(figure.key)}.{suffix}") as beside:
-                beside.write_bytes(picture(figure, suffix))
+    with filling(folder):
+        for figure in shown(report).figures:
+            if figure.kind in kinds():
+                with replacing(folder / f"{file_name(figure.key)}.{suffix}") as beside:
+                    beside.write_bytes(picture(figure, suffix))

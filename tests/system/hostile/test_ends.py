@@ -29,6 +29,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return saved(tmp_path_factory.mktemp("ends"), table().text())
 
 
+def arguments_alone(log: Path) -> list[str]:
+    """Return a command that prints a result."""
+    return [*COMMAND, "identify", str(log), "--robot", ROBOT, "--json"]
+
+
 def arguments(log: Path, folder: Path) -> list[str]:
     """Return a command that writes three files."""
     files = ["--write-robot", "found.yaml", "--report", "report.html", "--report", "report.json"]
@@ -99,6 +104,25 @@ def test_a_disk_that_is_full_leaves_what_was_there(log: Path, tmp_path: Path, si
     assert b"Traceback" not in done.stderr
     assert done.stderr.count(b"error:") == 1
     whole(tmp_path, old=True)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_folder_of_sets_is_filled_or_left_as_it_was(log: Path, tmp_path: Path, there: bool) -> None:
+    result, sets = tmp_path / "result.json", tmp_path / "sets"
+    result.write_bytes(subprocess.run(arguments_alone(log), capture_output=True, env=ENVIRONMENT, check=True).stdout)
+    if there:
+        sets.mkdir()
+        (sets / "mine.txt").write_text(OLD)
+    command = [*COMMAND, "sample", str(result), "--robot", ROBOT, "-n", "100", "-o", str(sets)]
+    done = subprocess.run(  # a robot file has 2 kB, the table of 100 sets ten times as much
+        command, capture_output=True, env=ENVIRONMENT, check=False, preexec_fn=lambda: limited(10_000)
+    )
+    assert done.returncode == 2, done.stderr
+    assert b"sets.csv: cannot be written" in done.stderr
+    assert [item.name for item in sets.iterdir()] == ["mine.txt"] if there else not sets.exists()
+    done = subprocess.run(command, capture_output=True, env=ENVIRONMENT, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(list(sets.iterdir())) == 101 + there
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
