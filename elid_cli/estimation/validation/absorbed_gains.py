@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.data import Solved
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.covariance import residuals
-from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, shares_of_noise, with_pull
+from elid_cli.estimation.validation.size_beside import size_beside
 from elid_cli.model.regressor import EstimationRow
 
 SURE, NOISY = 5.0, 1.4
@@ -29,8 +27,6 @@ LEAST = 0.005
 """Gain that counts: sensors and constants of torques are hardly known better."""
 AS_WELL = 0.85
 """Part of the standard errors of the surest gain from which another joint's may be the one: of two joints, either."""
-MOVED = 2.0
-"""Standard errors by which a gain moves a base parameter that may be biased."""
 
 
 class AbsorbedGains(NamedTuple):
@@ -40,60 +36,6 @@ class AbsorbedGains(NamedTuple):
     """Whose torque it is, the surest first: one of them, or several."""
     moved: NDArray[np.bool_]
     """Base parameters that they move, (b,)."""
-
-
-class Size(NamedTuple):
-    """What a fit says of a column beside all its parameters."""
-
-    values: Array
-    """Coefficients, (d,)."""
-    sure: float
-    """By how many standard errors they differ from 0 together."""
-    moved: NDArray[np.bool_]
-    """Base parameters that they move by several of their standard errors, (b,)."""
-
-
-def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationRow, float]) -> Size | None:
-    """Return how large columns are beside all parameters; None where they do not show, or more than noise is left.
-
-    Parameters
-    ----------
-    fit
-        The fit, whose samples are at hand.
-    extra
-        The columns.
-    quiet
-        Residual of the rows, N·m (N), up to which noise is all that is left.
-    """
-    solved = Solved.of(fit.base, fit.data, (*fit.nuisances, extra), fit.effects)
-    first = fit.model.parameters + len(fit.nuisances)
-    columns = range(first, first + extra.width)
-    basis = solved.solution.basis
-    rest = {row: solved.triangles.rms(solved.solution.values, row) for row in quiet if row in solved.triangles.rows}
-    shown = all(column in basis and solved.solution.determined(column) for column in columns)
-    if not shown or any(rest[row] > quiet[row] for row in rest) or _for_noisy_deflection(solved, extra):
-        return None
-    where = [int(np.flatnonzero(basis == column)[0]) for column in columns]
-    values: Array = solved.solution.values[columns]
-    facts = fit.data.facts
-    covariance = with_pull(fit.model, solved.triangles, solved.solution, covariance_of(solved), facts.deflection_noise)[
-        np.ix_(where, where)
-    ]
-    square = float(values @ np.linalg.pinv(covariance) @ values)
-    sure = float(np.sqrt(max(square, 0.0)))
-    shift = np.abs(solved.transform @ solved.solution.values - fit.transform @ fit.solution.values)
-    return Size(values, sure, shift > MOVED * fit.deviations(fit.covariance))
-
-
-def _for_noisy_deflection(solved: Solved, extra: ExtraColumns) -> bool:
-    """Whether columns stand for a deflection in which noise decides beside them: without it, for the spring's torque.
-
-    A predicted torque is free of the encoders' noise, and explains a motor's row better than a deflection near their
-    step: by a gain of 1, and no stiffness.
-    """
-    noise = solved.data.facts.deflection_noise
-    shares = shares_of_noise(solved.model, solved.triangles, solved.solution, noise)
-    return any(row.kind == "motor" and shares.get(row.joint, 0.0) > LARGEST_SHARE for row in extra.rows)
 
 
 def absorbed_gains(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.absorbed_gains import size_beside
+from elid_cli.estimation.validation.size_beside import size_beside
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
