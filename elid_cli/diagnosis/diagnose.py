@@ -231,7 +231,6 @@ def _by_torque(
         name: kind
         for name, kind in effect_classes().items()
         if kind.searched and kind.nuisance != "offset" and (not options.only or name in options.only)
-        if not (kind.quasi_static and yielding)  # their stiffness is a parameter, which no file holds twice
     }
     declared = log.declared
     log, searched = _searched(log, declared, library, progress, options.jobs)

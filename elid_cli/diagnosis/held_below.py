@@ -51,7 +51,7 @@ def held_below(
         and any(kind.applies(told.robot, joint) for joint in range(told.robot.n))
     )
     named = any(effect.effect in kinds for effect in told.effects)
-    if told.partial or signals.recording is None or not kinds or named or told.yielding or not _doubted(told):
+    if told.partial or signals.recording is None or not kinds or named or not _doubted(told):
         return told
     searched = list(told.searched_at)
     for factor in FACTORS:

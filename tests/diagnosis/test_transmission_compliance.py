@@ -1,4 +1,4 @@
-"""Transmissions that yield, of an arm whose file has them rigid and whose log has the motors alone."""
+"""Transmissions that yield, of an arm whose log has the motors alone and whose file has them rigid, or no stiffness."""
 
 from __future__ import annotations
 
@@ -49,8 +49,9 @@ def logged(scale: float, seed: int) -> tuple[Robot, Recording]:
     return replace(plain, joints=tuple(known)), log
 
 
-def told(scale: float, seed: int) -> Diagnosis:
+def told(scale: float, seed: int, transmission: str = "rigid") -> Diagnosis:
     robot, log = logged(scale, seed)
+    robot = replace(robot, joints=tuple(replace(joint, transmission=transmission) for joint in robot.joints))
     found = diagnose(robot, prepare(log, robot))
     assert isinstance(found, Diagnosis)
     return found
@@ -61,8 +62,9 @@ def right(joint: str | None, parameters: Mapping[str, float], errors: Mapping[st
     return abs(parameters["compliance"] - true) < 4 * errors["compliance"] < 1.2 * true
 
 
-def test_it_is_named_at_all_joints_with_the_right_stiffness() -> None:
-    found = told(1.0, 1)
+@pytest.mark.parametrize("transmission", ["rigid", "elastic"])
+def test_it_is_named_at_all_joints_with_the_right_stiffness(transmission: str) -> None:
+    found = told(1.0, 1, transmission)
     assert {(effect.effect, effect.joint) for effect in found.effects} == {(NAME, "j1"), (NAME, "j2")}
     assert not found.unexplained
     assert all(right(effect.joint, effect.parameters, effect.std_error) for effect in found.effects)

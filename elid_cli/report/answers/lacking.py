@@ -51,6 +51,8 @@ def words_of(found: Identification) -> str:
             f" The robot file has {listed(unshown)} elastic: what that does to the parameters is not known, as this "
             "log does not show the stiffness."
         )
+        if found.insufficient or is_unclear(found.noise):
+            said += " elid diagnose looks for what it does far below the antiresonance."
     return said
 
 
