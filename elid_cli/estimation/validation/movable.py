@@ -13,6 +13,7 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.standard_errors import with_prior
 from elid_cli.estimation.regression.triangles import ExtraColumns
+from elid_cli.estimation.validation.other_rows import moved_by_rows
 from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.parameter import StandardParameter
 
@@ -20,6 +21,9 @@ HIDDEN = 30.0
 """How many times larger than what is seen of it a missing torque may be: the rest hides in the parameters."""
 MOVED, WIDER = 2.0, 3.0
 """Shift in standard errors, or growth of these, with the missing curves as unknowns, from which a bias is possible."""
+
+ALIKE = 0.9
+"""Correlation with a rotor inertia in doubt from which a parameter is in doubt as well."""
 
 
 class Missing(NamedTuple):
@@ -47,9 +51,14 @@ def _acted(rows: Sequence[EstimationRow]) -> frozenset[Kind]:
 
 
 def movable(
-    fit: DefaultFit, missing: Sequence[Missing], curves: Mapping[int, Mapping[str, Array]]
+    fit: DefaultFit,
+    missing: Sequence[Missing],
+    curves: Mapping[int, Mapping[str, Array]],
 ) -> NDArray[np.bool_]:
-    """Return the base parameters that the missing torque can move, (b,): those that its curves, as unknowns, do."""
+    """Return the base parameters that the missing torque can move, (b,): those that its curves, as unknowns, do.
+
+    And those that rows which lack nothing contradict.
+    """
     extras, sizes = [], list[float]()
     for joint in sorted({item.row.joint for item in missing}):
         here = [item for item in missing if item.row.joint == joint]
@@ -71,7 +80,40 @@ def movable(
     plain = fit.transform[:, fit.solution.basis] @ fit.solution.inverse
     ratio = after / np.maximum(np.sqrt(np.sum(plain**2, axis=1)), 1e-300)
     shift = np.abs(transform @ solution.values - fit.transform @ fit.solution.values)
-    return np.asarray((shift > MOVED * before) | (ratio > WIDER) | _of_lacking(fit, missing))
+    moved = (shift > MOVED * before) | (ratio > WIDER) | _of_lacking(fit, missing)
+    return np.asarray(moved | _by_rows(fit, missing) | _of_deflection(fit, missing))
+
+
+def _by_rows(fit: DefaultFit, missing: Sequence[Missing]) -> NDArray[np.bool_]:
+    """Return the base parameters, (b,), that other rows contradict, or that rest on a torque that they rule out."""
+    rows = {item.row for item in missing}
+    contradicted, _ = moved_by_rows(fit, rows)
+    off = {item.row.joint for item in missing if item.shared}
+    if not off:
+        return contradicted
+    others, resting = moved_by_rows(fit, {row for row in fit.solution.weights if row.joint in off or row in rows})
+    return contradicted | others | resting
+
+
+def _of_deflection(fit: DefaultFit, missing: Sequence[Missing]) -> NDArray[np.bool_]:
+    """Return what hangs on how far a motor is from its link, (b,), where its own row lacks what the sum does not.
+
+    The rotor and the bodies behind it turn together but for the deflection: that alone tells them apart. And where the
+    deflection is wrong the motor's own position may be, and with it speed and acceleration.
+    """
+    rows = {item.row for item in missing}
+    doubted = [
+        row.joint for row in rows
+        if row.kind in ("motor", "spring") and EstimationRow("sum", row.joint) not in rows
+    ]  # fmt: skip
+    leaders = [fit.base.parameters[k] for k in fit.base.leaders]
+    rotors = [leader in {fit.model.robot.rotor_names[k] for k in doubted} for leader in leaders]
+    speeds = [leader in {StandardParameter("fv", k) for k in doubted} for leader in leaders]
+    own = fit.transform[:, fit.solution.basis]
+    covariance = own @ fit.covariance @ own.T
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    alike = np.abs(covariance / np.outer(size, size))[:, rotors] > ALIKE
+    return np.asarray(alike.any(axis=1) | np.array(rotors, dtype=bool) | np.array(speeds, dtype=bool))
 
 
 def _of_lacking(fit: DefaultFit, missing: Sequence[Missing]) -> NDArray[np.bool_]:
