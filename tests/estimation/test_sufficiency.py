@@ -94,7 +94,7 @@ def test_friction_of_a_link_stands_between_two_equations_and_is_no_noise(seed: i
     assert {(item.joint, item.follows) for item in found.insufficient} == {("j1", "rows")}
     marked = {p.leader for p in found.parameters if p.bias_possible}
     assert {"fs1", "fv1", "K1"} <= marked
-    assert {name[-1] for name in marked} == {"1"}
+    assert not {"fs2", "fv2", "K2", "Jm2", "m2"} & marked  # bodies behind it may rest on its torque
 
 
 def test_what_the_deflection_alone_holds_is_no_noise_of_the_torque() -> None:
