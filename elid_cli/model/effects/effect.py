@@ -84,12 +84,11 @@ class Effect(ABC):
     twins: ClassVar[tuple[str, ...]] = ()
     """Effects that no data, or only special data, can tell apart from this one; see `twins_of`."""
     taken: ClassVar[str] = ""
-    """What its form takes for granted that hardly any log tells, as sentences; a joint that has an effect which
-    `comes_with` it has been asked."""
+    """What its form takes for granted that few logs tell, as sentences; not where a joint has what it `comes_with`."""
     comes_with: ClassVar[tuple[str, ...]] = ()
     """Effects that a joint which has it has as a rule: a search looks for it beside them."""
     elastic_only: ClassVar[bool] = False
-    """Whether the effect needs an elastic transmission."""
+    """Whether it needs an elastic transmission (of the link's own: or a torque that is read behind the motor)."""
     strains_spring: ClassVar[bool] = False
     """Whether the amplitudes are angles (or times) that strain the spring, whose K makes torques of them."""
     like_a_spring: ClassVar[bool] = False
@@ -239,10 +238,11 @@ class Effect(ABC):
         """Return why the effect cannot exist at this joint, as a sentence about it; empty where it can."""
         if cls.whole_robot and joint != 0:
             return "it belongs to the whole robot, not to one joint"
-        if cls.elastic_only and not robot.joints[joint].elastic:
-            return f"it needs an elastic transmission, and that of {robot.joints[joint].name} is rigid"
-        if cls.place == "motor" and not cls.of_channel and robot.joints[joint].torque_at == "link":
-            return f"it needs the torque of the motor, and that of {robot.joints[joint].name} is read behind it"
+        at, behind = robot.joints[joint], robot.joints[joint].torque_at == "link"
+        if cls.elastic_only and not (at.elastic or (behind and cls.place == "link")):
+            return f"it needs an elastic transmission, and that of {at.name} is rigid"
+        if cls.place == "motor" and not cls.of_channel and behind:
+            return f"it needs the torque of the motor, and that of {at.name} is read behind it"
         return ""
 
     @classmethod

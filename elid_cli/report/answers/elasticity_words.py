@@ -29,7 +29,9 @@ def _yielding_unseen(found: Diagnosis) -> str:
     """Return that a rest may be a transmission's, where joints with geared motors count as rigid."""
     left = {item.joint for item in found.unexplained}
     names = [
-        joint.name for joint in found.robot.joints if joint.name in left and not joint.elastic and joint.gear_ratio
+        joint.name
+        for joint in found.robot.joints
+        if joint.name in left and not joint.elastic and joint.gear_ratio and joint.torque_at == "motor"
     ]
     if not names:
         return ""

@@ -284,9 +284,10 @@ def _needed(item: BaseEstimate) -> str:
     kind, joint = item.leader.kind, "{}"
     if item.reason.endswith(DIFFERS):
         return LIKE
-    for known in ("does not move", "do not move", "no torque", "move it into"):
+    for known in ("does not move", "do not move", "no motor torque", "no torque", "move it into"):
         if known in item.reason:
             return {
+                "no motor torque": f"the torque of the motor of {joint}",
                 "no torque": f"the torque of {joint}",
                 "move it into": f"more poses of {joint} against gravity",
             }.get(known, f"motion of {joint}")
