@@ -87,3 +87,13 @@ def test_nothing_is_marked_without_one(robot: Robot, log: Recording) -> None:
     found = identify(robot, prepare(log, robot))
     assert max(errors(found, robot)) < FAR
     assert not any(item.bias_possible for item in found.parameters)
+
+
+def test_a_joint_that_is_hardly_predicted_has_no_value_to_trust(robot: Robot, log: Recording) -> None:
+    drag = np.zeros_like(log.tau)
+    drag[:, 1] = 2.0 * log.tau[:, 1].std() * np.tanh(10.0 * np.gradient(log.q[:, 1], log.dt)) ** 3
+    wrong = replace(log, tau=log.tau + drag)
+    found = identify(robot, prepare(wrong, robot))
+    assert found.error["j2"].relative > 0.1
+    assert all(item.bias_possible for item in found.parameters if item.leader.joint == 1)
+    assert not all(item.bias_possible for item in found.parameters)

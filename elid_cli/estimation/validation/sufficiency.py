@@ -64,6 +64,8 @@ FAR_OFF, OF_TORQUE = 10.0, 0.01
 """The same, and held-out error over the torque, from which a joint's parameters may be biased where nothing says which.
 Measured: arms with springs taken as rigid 14 to 680, with values up to 13 of their errors off; torque noise with a
 memory leaves more than ten times its white part, but less of the torque."""
+HARDLY = 0.1
+"""Held-out error over the torque of a joint that lacks something from which none of its values can be trusted."""
 FAR_ABOVE, OWN = 3.0, 2.0
 """Residual of a motor's own row over its noise, and over the whole joint's, from which it is no noise of the torque:
 both rows hold that."""
@@ -87,8 +89,9 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
     noise = told[0].noise if len(said) == 1 else _joined(told)
     insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
     error = above_noise(found.error, found.robot, noise)
-    large = {name for name, item in error.items() if item.relative is not None and item.relative > OF_TORQUE}
-    unknown = far_off(noise, tuple(insufficient.values())) & large
+    shares = {name: item.relative for name, item in error.items() if item.relative is not None}
+    large, poor = ({name for name, share in shares.items() if share > least} for least in (OF_TORQUE, HARDLY))
+    unknown = (far_off(noise, tuple(insufficient.values())) & large) | (poor & {joint for joint, _ in insufficient})
     own = [found.robot.joint_names[item.leader.joint] in unknown for item in found.parameters]
     biased = np.any([one.biased for one in told], axis=0) | np.array(own, dtype=bool)
     far = {item.joint for item in noise if item.ratio > UNCLEAR}
