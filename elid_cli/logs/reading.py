@@ -319,8 +319,10 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         places.pop(signal, None)
     if parts[0].checked.computed:
         places["tau"] = parts[0].checked.computed
-    elif "tau" not in places and "tau_link" in places and "tau_link" not in optional:  # an effort of joint states
-        places["tau"] = places.pop("tau_link")
+    elif efforts := parts[0].checked.efforts:
+        places["tau"] = efforts
+        if "tau_link" not in optional:
+            places.pop("tau_link")
     files, sha256 = tuple(source.name for source in sources), tuple(source.sha256 for source in sources)
     return Recording(
         joints=robot.joint_names,

@@ -215,20 +215,41 @@ def test_efforts_that_a_controller_puts_out_stand_for_those_it_does_not_measure(
     np.testing.assert_allclose(log.commands["dq_des"], BASE.q + 3)
 
 
-def test_states_of_a_trajectory_controller(tmp_path: Path) -> None:
-    text = (
-        f"{HEADER}string[] joint_names\ntrajectory_msgs/JointTrajectoryPoint reference\n"
-        f"trajectory_msgs/JointTrajectoryPoint feedback\n{RULE}\nMSG: trajectory_msgs/JointTrajectoryPoint\n"
-        f"float64[] positions\nfloat64[] velocities\nfloat64[] effort\n{STAMP}"
-    )
+CONTROLLER = (
+    f"{HEADER}string[] joint_names\ntrajectory_msgs/JointTrajectoryPoint reference\n"
+    f"trajectory_msgs/JointTrajectoryPoint feedback\n{RULE}\nMSG: trajectory_msgs/JointTrajectoryPoint\n"
+    f"float64[] positions\nfloat64[] velocities\nfloat64[] effort\n{STAMP}"
+)
 
+
+def test_of_two_sources_of_torque_that_with_more_joints_is_taken_for_all(tmp_path: Path) -> None:
+    def states(row: int, stamp: int) -> dict[str, Any]:
+        return joint_state(stamp, list(JOINTS), BASE.q[row], effort=BASE.tau[row])
+
+    def controller(row: int, stamp: int) -> dict[str, Any]:
+        told = {"positions": [], "velocities": [], "effort": []}
+        seen = {"positions": [], "velocities": [], "effort": [1.5 * BASE.tau[row, 0]]}
+        return {"header": head(stamp), "joint_names": [JOINTS[0]], "reference": told, "feedback": seen}
+
+    path = bag(
+        tmp_path,
+        ("/joint_states", "sensor_msgs/msg/JointState", None, states),  # type: ignore[arg-type]
+        ("/c", "control_msgs/msg/JointTrajectoryControllerState", CONTROLLER, controller),
+    )
+    log = read(path, robot=RIGID)
+    np.testing.assert_array_equal(log.tau, BASE.tau)
+    assert log.sources["tau"] == "/joint_states.effort"
+    assert f"tau of {JOINTS[0]} could be read from /c.feedback.effort as well, which has fewer joints" in log.notes
+
+
+def test_states_of_a_trajectory_controller(tmp_path: Path) -> None:
     def message(row: int, stamp: int) -> dict[str, Any]:
         told = {"positions": (BASE.q[row] + 0.1).tolist(), "velocities": [], "effort": []}
         seen = {"positions": BASE.q[row].tolist(), "velocities": [], "effort": BASE.tau[row].tolist()}
         return {"header": head(stamp), "joint_names": list(JOINTS), "reference": told, "feedback": seen}
 
     schema = "control_msgs/msg/JointTrajectoryControllerState"
-    log = read(bag(tmp_path, ("/arm/controller_state", schema, text, message)), robot=RIGID)
+    log = read(bag(tmp_path, ("/arm/controller_state", schema, CONTROLLER, message)), robot=RIGID)
     np.testing.assert_array_equal(log.q, BASE.q)
     np.testing.assert_array_equal(log.tau, BASE.tau)
     np.testing.assert_allclose(log.commands["q_des"], BASE.q + 0.1)

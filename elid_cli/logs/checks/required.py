@@ -43,6 +43,8 @@ class Checked:
     notes: list[str] = field(default_factory=list)
     computed: str = ""
     """Joints whose torque is computed from commands, in words; empty: none."""
+    efforts: str = ""
+    """Where the torque was read from, of which the effort of joint states is some or all; empty: as was planned."""
 
 
 def check(
@@ -66,7 +68,7 @@ def check(
     warnings += _drop_stuck(filled, robot)
     warnings += _drop_sensors(filled, robot)
     notes: list[str] = []
-    _name_efforts(filled, robot, plan, notes)
+    efforts = _name_efforts(filled, robot, plan, notes)
     fault = MissingSignal(robot, plan, raw, name, tuple(warnings))
     fault.refuse_negative(signals)
     computed = _compute_torque(filled, robot, plan, segments, dt, notes) if samples else ""
@@ -89,7 +91,7 @@ def check(
         fault.refuse_torque(filled)
     warnings += _lacking(robot, fault, ~has["q"], ~has["tau"] & ~read, strict=strict)
     optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
-    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
+    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed, efforts)
 
 
 def _told_side(plan: ReadPlan) -> str:
@@ -213,24 +215,38 @@ def _compute_torque(
     return f"command{who}"
 
 
-def _name_efforts(filled: dict[str, Array], robot: Robot, plan: ReadPlan, notes: list[str]) -> None:
-    """Take the effort of joint states as the motor's torque where nothing else is logged of a joint's motor side."""
+def _name_efforts(filled: dict[str, Array], robot: Robot, plan: ReadPlan, notes: list[str]) -> str:
+    """Take the effort of joint states as the motor's torque where nothing else is logged of a joint's motor side.
+
+    Returned is where the torque then comes from; nothing where that is as planned.
+    """
     placement = plan.placements.get("tau_link")
     if placement is None or not placement.either or "tau_link" not in filled:
-        return
+        return ""
     absent = [np.isnan(filled[signal]).all(axis=0) for signal in ("tau", "theta")]
     rigid = np.array([joint.transmission != "elastic" for joint in robot.joints])
-    alone = absent[0] & absent[1] & ~np.isnan(filled["tau_link"]).all(axis=0)
-    mine = alone & rigid
+    shown = ~np.isnan(filled["tau_link"]).all(axis=0)
+    alone = absent[0] & absent[1] & shown
+    mine, names = alone & rigid, np.array(robot.joint_names)
     if (sensed := alone & ~rigid).any():
-        who, place = " ".join(np.array(robot.joint_names)[sensed]), placement.places
+        who, place = " ".join(names[sensed]), placement.places
         said = f"the effort of {place} is taken as the joint torque sensors' (tau_link) of {who}, declared elastic"
         notes.append(f"{said}; if it is the motors' torque, declare transmission: rigid")
-    if mine.any():
-        filled["tau"] = np.where(mine, filled["tau_link"], filled["tau"])
-        filled["tau_link"] = np.where(mine, np.nan, filled["tau_link"])
-        who = "" if mine.all() else f" of {' '.join(np.array(robot.joint_names)[mine])}"
-        notes.append(f"tau{who} is the effort of {placement.places}, as the log holds nothing else of the motors")
+    if not mine.any():
+        return ""
+    why, other = ", as the log holds nothing else of the motors", plan.placements.get("tau")
+    twice = shown & rigid & ~absent[0] & absent[1]
+    if twice.any() and other is not None and shown.sum() > (~absent[0]).sum():
+        mine, why = mine | twice, ""  # of two sources that with more joints, as for any signal
+        notes.append(
+            f"tau of {' '.join(names[twice])} could be read from {other.places} as well, which has fewer joints"
+        )
+    filled["tau"] = np.where(mine, filled["tau_link"], filled["tau"])
+    filled["tau_link"] = np.where(mine, np.nan, filled["tau_link"])
+    who = "" if mine.all() else f" of {' '.join(names[mine])}"
+    notes.append(f"tau{who} is the effort of {placement.places}{why}")
+    own = placement.places
+    return own if mine.all() or other is None or absent[0].all() else f"{own}{who}, else {other.places}"
 
 
 def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: int) -> None:
