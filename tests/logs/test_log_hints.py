@@ -160,6 +160,11 @@ def test_a_unit_of_another_language_is_not_corrected_into_a_wrong_one(unit: str,
     assert f"did you mean '{meant}'?" in caught.value.hint
 
 
+def test_a_unit_before_the_number_of_a_joint_is_proposed(tmp_path: Path) -> None:
+    path = text(tmp_path, T | each("pos_deg_{}", np.degrees(Q)) | each("torque_{}", TAU))
+    assert 'q: {from: "pos_deg_{i}", unit: deg}' in inspect_log(path, RIGID).mapping
+
+
 def test_a_motor_side_is_guessed_for_position_and_torque_together_or_for_none(tmp_path: Path) -> None:
     path = text(tmp_path, T | each("motor{}_pos", BASE.theta) | each("joint{}_pos", Q) | each("motor{}_torque", TAU))
     assert "side: motor" not in inspect_log(path, ROBOT).mapping

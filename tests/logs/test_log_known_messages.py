@@ -185,6 +185,7 @@ def test_as_many_motors_as_joints_are_not_taken_in_the_robots_order(tmp_path: Pa
     with pytest.raises(LogError, match="no position") as caught:
         read(path, robot=RIGID)
     assert "say which is whose in a mapping, by joints:" in caught.value.detail
+    assert "joints: {shoulder: 0, elbow: 1, wrist: 2}" in caught.value.hint
     told = {
         signal: {"from": "/lowstate", "field": f"motor_state.{name}", "joints": [2, 1, 0]}
         for signal, name in (("q", "q"), ("tau", "tau_est"))

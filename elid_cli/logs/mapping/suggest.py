@@ -219,8 +219,10 @@ def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[s
                 start = number * len(joints)
                 numbers = pairs(joints, range(start, start + len(joints)))
                 yield _Place(channel, quoted(channel.source), numbers, unit, signal)
-        else:
-            yield _Place(channel, quoted(channel.source), "", unit)
+        else:  # whose values a known message holds must be said, in whatever order they are
+            unnamed = channel.kind and channel.field and not channel.labels and channel.width == len(joints) > 1
+            numbers = pairs(joints, range(len(joints))) if unnamed else ""
+            yield _Place(channel, quoted(channel.source), numbers, unit)
 
 
 def _units(found: Family, field: str, joints: Sequence[str], units: Mapping[str, str]) -> str:
@@ -229,7 +231,8 @@ def _units(found: Family, field: str, joints: Sequence[str], units: Mapping[str,
     held = found.held or tuple(joints)
     if len(set(own)) > 1 and len(own) == len(held):
         return f"{{{', '.join(f'{quoted(j)}: {quoted(u)}' for j, u in zip(held, own, strict=True) if u)}}}"
-    return own[0] or unit_of(Channel(found.stem, field, 1).address, "")
+    stem = Channel(found.stem, field, 1).address
+    return own[0] or unit_of(stem, "") or unit_of(re.sub(r"[\W_\d]+$", "", stem), "")
 
 
 def words_of(text: str) -> list[str]:
