@@ -209,7 +209,8 @@ def read_text(path: Path, fault: type[UsageError], *, suffixes: tuple[str, ...] 
             raise fault(f"{path}: {size} bytes; a description of at most {most} is read")
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        raise fault(f"{path}: not a text file (byte {problem.start} is no UTF-8)") from None
+        line = problem.object[: problem.start].count(b"\n") + 1
+        raise fault(f"{path}:{line}: not UTF-8 text", hint="save it as UTF-8") from None
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
         raise fault(f"{path}: cannot be read ({reason.lower()})") from None

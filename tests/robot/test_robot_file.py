@@ -175,7 +175,7 @@ def test_files_that_cannot_be_read_are_one_clear_error(tmp_path):
     cases = {
         "pipe.yaml": "pipe",
         "folder.yaml": "folder",
-        "binary.yaml": "not a text file",
+        "binary.yaml": "not UTF-8 text",
         "large.yaml": "1000002 bytes",
         "arn.yaml": "did you mean",
         "x" * 300 + ".yaml": "cannot be read",
