@@ -114,6 +114,8 @@ class Judgement:
     """Base parameters that what is missing can move, (b,); none where nothing was fitted."""
     columns: tuple[ColumnNoise, ...] = ()
     """What noise of the positions is in the columns; none where that is not known."""
+    notes: tuple[str, ...] = ()
+    """What the other parameters may have taken up, in sentences."""
     misfitted: tuple[Insufficient, ...] = ()
     """Rows of a described robot whose residual follows the motion as other values of its parameters would."""
 

@@ -186,7 +186,7 @@ def _told(said: Judgement | None) -> dict[str, Any] | None:
     if said is None:
         return None
     lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient")}
-    return {**lists, "biased": said.biased.tolist()}
+    return {**lists, "biased": said.biased.tolist(), "notes": list(said.notes)}
 
 
 def _heard(told: dict[str, Any] | None, joints: Sequence[str], columns: tuple[ColumnNoise, ...]) -> Judgement | None:
@@ -199,7 +199,9 @@ def _heard(told: dict[str, Any] | None, joints: Sequence[str], columns: tuple[Co
     need(all(j in joints and r in ROWS and np.isfinite(x) for j, r, x in places), "it judges no row of it")
     need(all(0 <= i.floor < np.inf and 0 <= i.correlation < np.inf for i in noise), "its noise is no number")
     need(all(isinstance(i.follows, str) and np.isfinite(i.share) for i in lacking), "it follows nothing")
-    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), columns)
+    notes = tuple(told.get("notes", ()))
+    need(all(isinstance(note, str) for note in notes), "a note of it is no text")
+    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), columns, notes)
 
 
 def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:

@@ -36,6 +36,8 @@ class AbsorbedGains(NamedTuple):
     """Whose torque it is, the surest first: one of them, or several."""
     moved: NDArray[np.bool_]
     """Base parameters that they move, (b,)."""
+    sure: float = 0.0
+    """Standard errors by which the surest differs from 0."""
 
 
 def absorbed_gains(
@@ -69,7 +71,7 @@ def absorbed_gains(
     most = max((item[1] for item in sure.values()), default=0.0)
     told = sorted((k for k, item in sure.items() if item[1] >= AS_WELL * most), key=lambda k: -sure[k][1])
     moved = np.any([none.moved, *(sure[k][2] for k in told)], axis=0)
-    return AbsorbedGains(tuple(told), moved)
+    return AbsorbedGains(tuple(told), moved, most)
 
 
 def _columns(fit: DefaultFit) -> dict[int, ExtraColumns]:

@@ -33,6 +33,8 @@ class AbsorbedZeros(NamedTuple):
     """Whose positions, the surest first; of a tilt of the base the first joint."""
     moved: NDArray[np.bool_]
     """Base parameters that they move, (b,)."""
+    sure: float = 0.0
+    """Standard errors by which the surest differs from 0."""
 
 
 def absorbed_zeros(
@@ -60,7 +62,7 @@ def absorbed_zeros(
         if asked is not None and asked.sure > least and asked.moved.any():
             found[effect.joint] = max(asked.sure, found.get(effect.joint, 0.0))
             moved |= asked.moved
-    return AbsorbedZeros(tuple(sorted(found, key=lambda k: -found[k])), moved)
+    return AbsorbedZeros(tuple(sorted(found, key=lambda k: -found[k])), moved, max(found.values(), default=0.0))
 
 
 def _asked(fit: DefaultFit) -> Iterator[Effect]:

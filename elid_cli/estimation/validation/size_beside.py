@@ -25,10 +25,18 @@ class Size(NamedTuple):
 
     values: Array
     """Coefficients, (d,)."""
+    errors: Array
+    """Their standard errors, (d,)."""
     sure: float
     """By how many standard errors they differ from 0 together."""
-    moved: NDArray[np.bool_]
-    """Base parameters that they move by several of their standard errors, (b,)."""
+    shift: Array
+    """By how many of their standard errors they move base parameters, (b,)."""
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """Base parameters that they move by several of their standard errors, (b,)."""
+        moved: NDArray[np.bool_] = self.shift > MOVED
+        return moved
 
 
 def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationRow, float]) -> Size | None:
@@ -60,7 +68,9 @@ def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationR
     square = float(values @ np.linalg.pinv(covariance) @ values)
     sure = float(np.sqrt(max(square, 0.0)))
     shift = np.abs(solved.transform @ solved.solution.values - fit.transform @ fit.solution.values)
-    return Size(values, sure, shift > MOVED * fit.deviations(fit.covariance))
+    deviations = fit.deviations(fit.covariance)
+    moved = np.divide(shift, deviations, out=np.where(shift > 0, np.inf, 0.0), where=deviations > 0)
+    return Size(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), sure, moved)
 
 
 def _for_noisy_deflection(solved: Solved, extra: ExtraColumns) -> bool:

@@ -23,6 +23,7 @@ from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, floor_of_pulled, shares_of_noise
 from elid_cli.estimation.validation.absorbed_gains import absorbed_gains
+from elid_cli.estimation.validation.absorbed_weight import absorbed_weight
 from elid_cli.estimation.validation.absorbed_zeros import absorbed_zeros
 from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
@@ -33,6 +34,7 @@ from elid_cli.estimation.validation.following import (
     OTHERS,
     PACE,
     TIME,
+    WEIGHT,
     ZERO,
     apart,
     followed,
@@ -77,6 +79,8 @@ QUIET, OF_ALL = 0.5, 1e-3
 """Residual over the sensors' noise at any joint below which that noise is none: a drive's torque that chatters, as it
 does on a coarse encoder, is a torque. What is left of every row is then asked by its own size, from this part of the
 torque on."""
+SURER = 0.85
+"""Part of the standard errors of a torque's factor or a zero of positions from which a torque like weight's is told."""
 _LEAST = 60
 """Instants that a row needs to be judged."""
 
@@ -105,6 +109,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         model="insufficient" if insufficient else "sufficient",
         nuisances=tuple(item.doubted for item in found.nuisances) if insufficient or far else found.nuisances,
         warnings=(*found.warnings, *too_quiet(found, noise), *unpredicted(error)),
+        notes=(*found.notes, *dict.fromkeys(note for one in told for note in one.notes)),
     )
 
 
@@ -173,13 +178,17 @@ def judge_model(fit: DefaultFit) -> Judgement:
     still = {row: ABOVE * rms for row, rms in floor.rms.items() if row in left}
     lacking = {item.row for item in seen.missing}
     gains, zeros = (asked(part, still, lacking) for asked in (absorbed_gains, absorbed_zeros))
-    biased |= gains.moved | zeros.moved | moved_by_other_positions(part)
+    weight = absorbed_weight(part, still, lacking)
+    biased |= gains.moved | zeros.moved | weight.moved | moved_by_other_positions(part)
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
     names = observation.robot.joint_names
-    off = {FACTOR: gains.joints, ZERO: zeros.joints[:1]} if quiet else {}  # what else is missing may look like these
+    told = quiet and weight.sure > SURER * max(gains.sure, zeros.sure)  # what else is missing may look like these
+    off = {FACTOR: gains.joints, ZERO: zeros.joints[:1]} if quiet else {}
+    off |= {WEIGHT: weight.joints} if told else {}
     absorbed = [Insufficient(n.joint, n.rows, n.ratio, word, 0.0) for word, joints in off.items() for n in seen.noise
                 if n.rows == "sum" and n.joint in [names[k] for k in joints]]  # fmt: skip
-    return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise))
+    notes = weight.notes if told else ()
+    return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise), notes)
 
 
 def _of_pulled_stiffness(fit: DefaultFit, floor: Floor, left: Mapping[EstimationRow, Array]) -> Floor:

@@ -36,8 +36,6 @@ Channel = Literal["link", "position", "torque"]
 """Channels that may be late: positions and velocities of the link, or of link and motor, and torque of the motor."""
 Nuisance = Literal["delay", "offset", "reading gain", "reading offset"]
 """Faults of a motor's torque channel, and of a joint torque sensor, that every fit estimates along."""
-
-
 Columns = Mapping[EquationRow, Array]
 """Row -> array (d, N), one row per amplitude, in the order of `Effect.amplitudes`."""
 
@@ -91,6 +89,8 @@ class Effect(ABC):
     """Whether it needs an elastic transmission (of the link's own: or a torque that is read behind the motor)."""
     strains_spring: ClassVar[bool] = False
     """Whether the amplitudes are angles (or times) that strain the spring, whose K makes torques of them."""
+    like_weight: ClassVar[bool] = False
+    """Whether masses and first moments take up nearly all of it, so that a fit that leaves noise asks for its size."""
     like_a_spring: ClassVar[bool] = False
     """Whether a joint's own transmission looks like it where the link's position is not logged."""
     of_channel: ClassVar[bool] = False

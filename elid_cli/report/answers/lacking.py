@@ -12,19 +12,23 @@ from typing import Any
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
-from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE, ZERO
+from elid_cli.estimation.validation.absorbed_weight import TAKEN_UP
+from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE, WEIGHT, ZERO
 from elid_cli.estimation.validation.sufficiency import ABOVE, QUIET, UNCLEAR
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.logs.adapt import YIELDING
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.summary import NAMED, doubted, light, listed, share_text
-from elid_cli.report.tree import number_text
+from elid_cli.report.tree import number_text, upper
 
 ABSORBED = {
     FACTOR: "the torque of {} looks off by a factor, which other values take up",
     ZERO: "the zero of the positions of {} looks off, or the base tilted, which other values take up",
+    WEIGHT: "a weak spring looks missing at {}, which other values take up (see the notes)",
 }
 """What leaves next to nothing, as other values take it up; in place of ``{}`` the joint."""
+UNSURE = "Nothing that this log shows for sure."
+"""What is said before what a log shows only likely."""
 BELOW = (
     "a drive whose kd is smaller than the log has it, or whose loop holds its torque or filters its velocity, looks so"
 )
@@ -41,6 +45,8 @@ def words_of(found: Identification) -> str:
         said = _negative_words(found)
     if not said and not (loaded and found.model == "not judged"):
         said = lacking_words(found.model, found.insufficient, found.noise, alone=found.robot.n == 1)
+    if found.model == "sufficient" and (taken := taken_up_words(found.notes)):
+        said = f"{UNSURE} {taken} elid diagnose looks for it."
     said = " ".join(part for part in (loaded, said) if part)
     if (found.insufficient or is_unclear(found.noise)) and any(YIELDING in note for note in found.robot.notes):
         said += f" A transmission that yields looks like this, too: {YIELDING}."
@@ -54,6 +60,11 @@ def words_of(found: Identification) -> str:
         if found.insufficient or is_unclear(found.noise):
             said += " elid diagnose looks for what it does far below the antiresonance."
     return said
+
+
+def taken_up_words(notes: Sequence[str]) -> str:
+    """Return what other parameters may have taken up by the notes of an identification, in sentences."""
+    return " ".join(f"{upper(note)}." for note in notes if TAKEN_UP in note)
 
 
 def lacking_words(

@@ -15,7 +15,7 @@ from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.elasticity_words import own_elasticity, taken_as_rigid
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.answers.lacking import ABSORBED, follows_words, moment_words
+from elid_cli.report.answers.lacking import ABSORBED, UNSURE, follows_words, moment_words, taken_up_words
 from elid_cli.report.answers.summary import called, listed
 from elid_cli.report.tree import Cell, number_text, upper
 
@@ -166,6 +166,8 @@ def missing_words(told: DiagnosisInput) -> str:
         nothing = f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
         if any(row.high for row in found.rows_after):  # what is left is told beside
             nothing = "Nothing that elid can name: no effect that it knows improves the model."
+        if taken := taken_up_words(told.after.notes):
+            nothing = taken if told.after.insufficient else f"{UNSURE} {taken}"
         return f"{rest.strip() or nothing}{taken_as_rigid(found)}"
     order = [*found.robot.joint_names, found.robot.name].index
     named.sort(key=lambda c: order(c.effect.joint or found.robot.name))

@@ -27,6 +27,7 @@ class LinkSpring(Effect):
     fingerprint = "whole joint only, a function of the link's angle alone, at rest too"
     record = "the joint's full range, in slow and fast passes (a weight of the same torque would add inertia)"
     place = "link"
+    like_weight = True
     either_sign = "A balancing spring beyond its dead centre pushes on."
     acts_as = "torque"
     amplitudes = (
