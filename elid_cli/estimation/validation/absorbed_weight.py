@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.errors import in_words
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.size_beside import Size, size_beside
+from elid_cli.estimation.validation.size_beside import MOVED, Size, size_beside
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
@@ -73,7 +74,7 @@ def absorbed_weight(
     most = max((sure for sure, *_ in found), default=0.0)
     found = sorted((item for item in found if item[0] >= AS_WELL * most), key=lambda item: -item[0])
     joints = dict.fromkeys(effect.joint for sure, effect, _ in found if sure > SURE)
-    moved = np.any([moved, *(asked.moved for *_, asked in found)], axis=0)
+    moved = np.any([moved, *(asked.loose > MOVED for *_, asked in found)], axis=0)
     return AbsorbedWeight(tuple(joints), most, moved, tuple(_words(fit, *item) for item in found))
 
 
@@ -91,10 +92,13 @@ def _can_be(effect: Effect, scene: Scene, asked: Size) -> bool:
 def _words(fit: DefaultFit, sure: float, effect: Effect, asked: Size) -> str:
     """Return what there is at a joint, and how large, in a sentence."""
     joint = fit.model.robot.joints[effect.joint]
-    unit = effect.amplitudes[0].unit_at(slides=not joint.revolute)
+    sizes = in_words([
+        f"{p.name} {value:.3g} ± {error:.2g} {p.unit_at(slides=not joint.revolute)}"
+        for p, value, error in zip(effect.amplitudes, asked.values, asked.errors, strict=True)
+    ])  # fmt: skip
     surely = "" if sure > SURE else ", which this log alone is not sure of"
     return (
-        f"a {effect.title or effect.name.replace('_', ' ')} at {joint.name} of "
-        f"{asked.values[0]:.3g} ± {asked.errors[0]:.2g} {unit} would explain this log better{surely}: {TAKEN_UP}, "
-        "and what it moves is marked"
+        f"a {effect.title or effect.name.replace('_', ' ')} at {joint.name} ({sizes}) "
+        f"would explain this log better{surely}: {TAKEN_UP}, "
+        f"and what it moves is marked; what would tell: {effect.record}"
     )

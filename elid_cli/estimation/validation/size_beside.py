@@ -31,6 +31,8 @@ class Size(NamedTuple):
     """By how many standard errors they differ from 0 together."""
     shift: Array
     """By how many of their standard errors they move base parameters, (b,)."""
+    loose: Array
+    """The same by which base parameters may be off, as the size has an error of its own, (b,)."""
 
     @property
     def moved(self) -> NDArray[np.bool_]:
@@ -62,15 +64,20 @@ def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationR
     where = [int(np.flatnonzero(basis == column)[0]) for column in columns]
     values: Array = solved.solution.values[columns]
     facts = fit.data.facts
-    covariance = with_pull(fit.model, solved.triangles, solved.solution, covariance_of(solved), facts.deflection_noise)[
-        np.ix_(where, where)
-    ]
+    whole = with_pull(fit.model, solved.triangles, solved.solution, covariance_of(solved), facts.deflection_noise)
+    covariance = whole[np.ix_(where, where)]
     square = float(values @ np.linalg.pinv(covariance) @ values)
     sure = float(np.sqrt(max(square, 0.0)))
     shift = np.abs(solved.transform @ solved.solution.values - fit.transform @ fit.solution.values)
-    deviations = fit.deviations(fit.covariance)
-    moved = np.divide(shift, deviations, out=np.where(shift > 0, np.inf, 0.0), where=deviations > 0)
-    return Size(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), sure, moved)
+    before = fit.deviations(fit.covariance)
+    grown = np.maximum(solved.deviations(whole) ** 2 - before**2, 0.0)
+    shift, loose = (_over(size, before) for size in (shift, np.sqrt(shift**2 + grown)))
+    return Size(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), sure, shift, loose)
+
+
+def _over(sizes: Array, deviations: Array) -> Array:
+    """Return sizes over standard errors, (b,)."""
+    return np.divide(sizes, deviations, out=np.where(sizes > 0, np.inf, 0.0), where=deviations > 0)
 
 
 def _for_noisy_deflection(solved: Solved, extra: ExtraColumns) -> bool:

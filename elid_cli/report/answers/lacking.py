@@ -195,7 +195,7 @@ def _negative_words(found: Identification) -> str:
 
 def is_doubted(found: Identification) -> bool:
     """Whether something may be missing although the residual of a model is called noise."""
-    return is_unclear(found.noise) or bool(impossible_in(found))
+    return is_unclear(found.noise) or bool(impossible_in(found)) or bool(taken_up_words(found.notes))
 
 
 def motion_words(found: Identification, warnings: Sequence[str]) -> str:
