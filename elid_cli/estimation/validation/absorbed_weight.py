@@ -27,7 +27,7 @@ SURE = 4.0
 3.8 at most."""
 LIKELY, FAR = 3.3, 8.0
 """The same to mark what it moves, and by how many of its standard errors it must move some parameter then: few logs can
-be surer of a weak spring, and 3 of those 417 had one so large."""
+be surer of a weak spring, and 4 of those 417 had one so large."""
 AS_WELL = 0.85
 """Part of the standard errors of the surest from which another joint's may be the one."""
 TAKEN_UP = "the bodies' parameters would have taken it up"
