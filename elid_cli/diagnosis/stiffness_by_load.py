@@ -133,7 +133,7 @@ def with_load(found: Identification, state: State) -> Identification:
         joint = item.leader.joint if item.leader.kind == "K" else -1
         if joint < 0 or joint in bent:
             continue
-        ways = two_ways(state.log.observation, found.standard, found.base.parameters, joint)
+        ways = two_ways(state.log.observation, state.solution.values, found.base.parameters, joint, state.extras)
         if ways is None or (item.verdict != "refused" and ways.share >= CLEAR):
             continue
         link = link_stiffness(found.base, state.log.observation, state.log.signals, reference, joint)

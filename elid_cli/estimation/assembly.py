@@ -114,7 +114,7 @@ def assemble(
         ),
         estimator=options.estimator,
     )
-    found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
+    found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fit.solution.values, joint, fit.extras))
     return _agreeing(with_link_stiffness(found, lambda joint: fit.data.link_stiffness(fit.base, joint)))
 
 

@@ -94,9 +94,9 @@ class SampledData:
                 outside[k] = np.sqrt(np.mean(trace[known & ~reversing] ** 2))
         return inside, outside
 
-    def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
-        """Return a joint's stiffness by both regressions of its row, other parameters (p,) given."""
-        return two_ways(self.observation, standard, self.model.names, joint)
+    def two_ways(self, values: Array, joint: int, extras: Sequence[ExtraColumns] = ()) -> TwoWays | None:
+        """Return a joint's stiffness by both regressions of its row, all else given: parameters, then `extras`."""
+        return two_ways(self.observation, values, self.model.names, joint, extras)
 
     def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
         """Return a joint's stiffness from its link's equation with the robot file's inertias."""

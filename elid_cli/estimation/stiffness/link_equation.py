@@ -14,7 +14,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import Triangle
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangle
 from elid_cli.estimation.result import BaseEstimate, Identification, Verdict
 from elid_cli.robot.parameter import StandardParameter
 
@@ -73,18 +73,39 @@ class TwoWays:
         return self.direct / self.inverse
 
 
-def two_ways(observation: Observation, standard: Array, names: Sequence[str], joint: int) -> TwoWays | None:
+def two_ways(
+    observation: Observation, values: Array, names: Sequence[str], joint: int, extras: Sequence[ExtraColumns] = ()
+) -> TwoWays | None:
     """Return a joint's stiffness by both regressions of its motor row, or None where they do not exist.
 
-    The torque is the motor's less rotor inertia and friction as identified, or the joint torque sensor's.
+    The torque is the motor's less rotor inertia, friction and effects as identified, or the joint torque sensor's: a
+    limit that cuts a command is no torque that the spring passes on.
+
+    Parameters
+    ----------
+    observation
+        The log's equations.
+    values
+        Standard parameters, then what the columns of `extras` are multiplied by, (p + e,).
+    names
+        Names of the standard parameters, (p,).
+    joint
+        Joint number from 0.
+    extras
+        Columns of nuisances and effects.
     """
     row, constant = observation.spring_row(joint), observation.parameters
+    other, first = np.zeros(observation.instants), constant
+    for extra in extras:
+        if row in extra.rows:
+            other = other + values[first : first + extra.width] @ extra.rows[row]
+        first += extra.width
     groups = [group for group in observation.groups if group.row == row]
     parts = []
     for group in groups:
-        rows = np.vstack([group.columns, np.ones(observation.instants), group.target])[:, group.use].T
+        rows = np.vstack([group.columns, np.ones(observation.instants), group.target - other])[:, group.use].T
         parts.append(Triangle(row, 0, np.append(group.index, constant), rows, group.count, 0.0))
-    return ways_of(parts, standard, names, joint, constant)
+    return ways_of(parts, values, names, joint, constant)
 
 
 def ways_of(

@@ -183,14 +183,14 @@ class TriangleData:
             outside[k] = np.sqrt(squares / sum(t.count for t in away))
         return inside, outside
 
-    def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
+    def two_ways(self, values: Array, joint: int, extras: Sequence[ExtraColumns] = ()) -> TwoWays | None:
         """Return a joint's stiffness by both regressions of its row, other parameters (p,) given."""
         merged, p = self.merged, self.model.parameters
         if joint not in merged.channels:
             return None
         parts = merged.chosen(self.gliding, merged.nuisances).of(EstimationRow("motor", joint))
         constant = p + merged.nuisances.index(merged.joints + joint)
-        return ways_of(parts, standard, self.model.names, joint, constant)
+        return ways_of(parts, values[:p], self.model.names, joint, constant)
 
     def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
         """Return a joint's stiffness from its link's equation with the robot file's inertias."""
