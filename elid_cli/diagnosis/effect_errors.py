@@ -48,10 +48,10 @@ def standard_errors(state: State, number: int) -> dict[str, float]:
 
 
 def held_errors(state: State) -> HeldErrors | None:
-    """Return how well the effects of a model are known, for a fit that holds them; None where no shape was fitted."""
-    covariance, shapes = state.covariance_with_shapes
-    if not shapes:
+    """Return how well the effects of a model are known, for a fit that holds them; None where it has none."""
+    if not state.effects:
         return None
+    covariance, shapes = state.covariance_with_shapes
     places = {}
     for number, place in enumerate(places_of(state.specs)):
         columns = range(*state.place(number).indices(len(state.solution.values)))

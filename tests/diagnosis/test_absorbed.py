@@ -181,3 +181,21 @@ def test_the_last_joint_without_a_gain_is_given_none(*, joints: int, rigid_ones:
     assert _scales_all(one, gain(1)) == (joints == 2)
     assert _scales_all(most, gain(joints - 1))
     assert not _scales_all(most, spring(joints - 1))
+
+
+def test_parameters_beside_a_found_effect_are_as_unsure_held_as_unknown() -> None:
+    """They were as sure beside a spring known to a fifth, held at its size, as beside one that is known exactly."""
+    made = rigid(5)
+
+    def torque(world: World) -> np.ndarray:
+        spring = np.zeros_like(world.q)
+        spring[:, JOINT] = 0.2 * made.sizes[JOINT].torque * (world.q[:, JOINT] + 1.0)
+        return spring
+
+    found = diagnosed(made, Laws(link=[torque]), torque=0.06)
+    assert [(e.effect, e.joint, e.absorbed) for e in found.effects] == [("link_spring", "j2", True)]
+    held = replace(found, effects=tuple(replace(effect, absorbed=False) for effect in found.effects))
+    unknown, known = (one.identified_after.parameters for one in (found, held))
+    ratios = [one.std_error / other.std_error for one, other in zip(known, unknown, strict=True)]
+    assert np.nanmin(ratios) > 0.7, ratios
+    assert deviations(made, held)[1] < 4
