@@ -278,13 +278,17 @@ def _in_positions(state: State, kind: type[Effect], joint: int, fits: Sequence[S
 
     A row that predicts torque from the deflection is no judge of such a fault: without it the spring seems several
     times too soft, passes on that much less of all that is wrong in the deflection, and looks better wherever the load
-    hardly varies. The deflection itself, theta - q = load / K + offset + skew q', is fitted without each quarter.
+    hardly varies. The deflection itself, theta - q = load / K + offset + scale theta + skew q', is fitted without each
+    quarter, a scale where the joint has one.
     """
     log = state.log
     signals = log.raw if kind.corrects == "link" else log.signals
-    channels = (signals.motion.theta[:, joint] - signals.motion.q[:, joint], signals.motion.dq[:, joint])
-    deflection, speed = signals.decimate(np.array(channels))
-    one = np.ones(len(deflection))
+    theta = signals.motion.theta[:, joint]
+    channels = (theta - signals.motion.q[:, joint], signals.motion.dq[:, joint], theta)
+    deflection, speed, position = signals.decimate(np.array(channels))
+    parts = {"velocity": speed, "constant": np.ones(len(deflection)), "position": position}
+    present = {effect.in_deflection for effect in state.effects if effect.joint == joint} & {"position"}
+    beside = [parts[part] for part in ("constant", *present) if part != kind.in_deflection]
     moving = ~log.observation.reversing[joint]
     fold, compared = quarter_of(len(deflection)), []
     for quarter, fitted in enumerate(fits):
@@ -292,7 +296,7 @@ def _in_positions(state: State, kind: type[Effect], joint: int, fits: Sequence[S
             compared.append(_SILENT)
             continue
         load = link_load(state, joint, fitted.values)
-        columns = np.array([speed, load, one] if kind.in_deflection == "velocity" else [one, load])
+        columns = np.array([parts[kind.in_deflection], load, *beside])
         known = moving & np.isfinite(deflection) & np.isfinite(columns).all(axis=0)
         train, test = known & (fold != quarter), known & (fold == quarter)
         if not train.any() or not test.any():

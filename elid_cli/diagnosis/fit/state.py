@@ -319,8 +319,11 @@ def agreed(state: State) -> State:
 
 def _unchanged(old: State, new: State, number: int) -> bool:
     """Whether the torque of effect `number` is the same in two states of the same log."""
+    known = old.columns[number].rows
+    if known.keys() != new.columns[number].rows.keys():
+        return False
     for row, columns in new.columns[number].rows.items():
-        before, after = old.coefficients(number) @ old.columns[number].rows[row], new.coefficients(number) @ columns
+        before, after = old.coefficients(number) @ known[row], new.coefficients(number) @ columns
         if float(np.linalg.norm(after - before)) > _AGREED * float(np.linalg.norm(after)):
             return False
     return True

@@ -1,4 +1,4 @@
-"""Faults between the encoders of a joint, which come before any physics: skews and offsets that the positions show."""
+"""Faults between the encoders of a joint, which come before any physics: skews, offsets and scales."""
 
 from __future__ import annotations
 
@@ -24,13 +24,16 @@ LAST = 0.1
 """Part of a sample up to which the torques may put right a skew that the positions show."""
 PAIR_GAIN = 0.1
 """Least part of the left-out motor row's error that both together must take away, also from either alone."""
+SCALE_GAIN = 0.9
+"""Least part of it that a wrong scale takes away: the load follows the position, too, and springs bend by it."""
 
 
 def measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tuple[State, list[Step]]:
-    """Accept skew and offset between a joint's two encoders where they help together.
+    """Accept skew and offset between a joint's two encoders where they help together, or a wrong scale.
 
     They imitate physics, and each hides behind the other: the deflection of a stiff joint is so small that either
-    of them alone falsifies the stiffness, so neither alone would improve the fit.
+    of them alone falsifies the stiffness, so neither alone would improve the fit. Of a wrong scale an offset takes a
+    part where the joint's mean position is not 0, and comes with it where its zero is another one.
     """
     steps: list[Step] = []
     kinds = _between_encoders()
@@ -44,7 +47,8 @@ def measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tupl
             continue
         # where the positions have shown the skew, what hides behind it can still be the offset
         moved = state.log.shifts.of("link", joint) != 0.0
-        trial = _pair(state, joint, [kind for kind in kinds if not (moved and kind.corrects == "link")])
+        pair = [k for k in kinds if k.in_deflection != "position" and not (moved and k.corrects == "link")]
+        trial = _scaled(state, joint, kinds) or _pair(state, joint, pair)
         if trial is not None:
             state, found = trial
             steps += found
@@ -143,7 +147,22 @@ def by_torques(state: State, seen: Sequence[Skew]) -> State:
     return state
 
 
-def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
+def _scaled(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
+    """Return the state with a joint's wrong scale, with an offset where that is needed; None where it has none."""
+    (scale,) = (kind for kind in kinds if kind.in_deflection == "position")
+    (offset,) = (kind for kind in kinds if kind.in_deflection == "constant")
+    alone = _pair(state, joint, (scale,), SCALE_GAIN)
+    both = _pair(state, joint, (scale, offset), SCALE_GAIN)
+    if both is not None or alone is None:
+        return both
+    other = refreshed(fit(state.log, (*state.effects, offset(joint)), state.scene))
+    rows = [state.log.observation.spring_row(joint)]
+    return alone if (predicted_better(other, alone[0], rows) or 0.0) >= PAIR_GAIN else None
+
+
+def _pair(
+    state: State, joint: int, kinds: Sequence[type[Effect]], least: float = PAIR_GAIN
+) -> tuple[State, list[Step]] | None:
     candidates = [score(state, kind(joint), 1, len(_between_encoders())) for kind in kinds]
     scored = [c for c in candidates if c is not None]
     if len(scored) < len(kinds):
@@ -154,7 +173,7 @@ def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[Stat
         return None
     rows = [state.log.observation.spring_row(joint)]
     gain = predicted_better(state, grown, rows)
-    if gain is None or gain < PAIR_GAIN or not improves(state, grown, rows[0]):
+    if gain is None or gain < least or not improves(state, grown, rows[0]):
         return None
     for candidate in scored if len(scored) > 1 else []:
         single = refreshed(fit(state.log, (*state.effects, candidate.effect), state.scene))
