@@ -175,8 +175,11 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
         See `resolve`.
     """
     found = []
+    rough = scene
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
+        stiffness = float(robot.joints[joint].parameters.get("K", np.nan))
+        scene = _with_stiffness(rough, joint, stiffness) if kind.strains_spring and stiffness > 0 else rough
         values = {p.name: 0.0 for p in kind.amplitudes} | dict(spec.parameters)
         mean = np.zeros(len(kind.amplitudes))
         given = True
@@ -190,8 +193,20 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
             shape = grid[len(grid) // 2]
         effect = kind(joint, shape)
         spread = _amplitude_spread(kind, joint, mean, scene)
+        if kind.strains_spring and scene is rough:  # an angle is known, and no torque that it makes
+            spread = np.full_like(mean, np.inf)
         found.append(Declared(spec, effect, mean, spread, effect if given else None))
     return tuple(found)
+
+
+def _with_stiffness(scene: Scene, joint: int, stiffness: float) -> Scene:
+    """Return a scene with a joint's stiffness as the file has it.
+
+    A fit without a fault between the encoders takes what that adds for a deflection, and its K comes out too small.
+    """
+    known = np.array(scene.stiffness, dtype=float)
+    known[joint] = stiffness
+    return replace(scene, stiffness=known)
 
 
 def _grid(kind: type[Effect], scene: Scene, joint: int, spec: EffectSpec) -> list[tuple[float, ...]]:
