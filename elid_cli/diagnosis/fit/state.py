@@ -319,14 +319,9 @@ def agreed(state: State) -> State:
 
 def _unchanged(old: State, new: State, number: int) -> bool:
     """Whether the torque of effect `number` is the same in two states of the same log."""
-    known = old.columns[number].rows
-    if known.keys() != new.columns[number].rows.keys():
-        return False
-    for row, columns in new.columns[number].rows.items():
-        before, after = old.coefficients(number) @ known[row], new.coefficients(number) @ columns
-        if float(np.linalg.norm(after - before)) > _AGREED * float(np.linalg.norm(after)):
-            return False
-    return True
+    known, one, other = old.columns[number].rows, old.coefficients(number), new.coefficients(number)
+    pairs = [(one @ known.get(row, 0.0 * c), other @ c) for row, c in new.columns[number].rows.items()]
+    return all(float(np.linalg.norm(b - a)) <= _AGREED * float(np.linalg.norm(b)) for a, b in pairs)
 
 
 def without(state: State, number: int) -> State:

@@ -30,6 +30,7 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
     "contact": ("joint1", {"torque": 20.0, "time": 0.65, "width": 0.3}, 1e-6),
     "cubic_stiffness": ("joint2", {"cubic": 3e6}, 1e-6),
     "encoder_offset": ("joint1", {"offset": 1e-3}, 1e-3),
+    "encoder_scale": ("joint2", {"scale": 1e-3}, 0.02),
     "encoder_zero": ("joint1", {"offset": 0.01}, 0.05),
     "encoder_skew": ("joint2", {"skew": 1e-3}, 0.06),
     "flexible_mode": ("joint2", {"inertia": 0.3, "frequency": 9.0, "damping": 0.02}, 0.02),

@@ -261,6 +261,7 @@ def test_the_usual_size_is_plausible(name: str, planar_scene: Scene) -> None:
         ("contact", {"torque": 5.0, "time": 0.5, "width": 3.0}),
         ("encoder_offset", {"offset": 5.0}),
         ("encoder_skew", {"skew": 0.5}),
+        ("encoder_scale", {"scale": 0.1}),
         ("gravity_direction", {"roll": 1.2, "pitch": 0.0}),
         ("torque_gain", {"gain": -1.0}),
         ("velocity_coupling", {"viscous": 1.0, "coulomb": 1.0, "other": 1.0}),

@@ -141,6 +141,19 @@ def test_effects_in_the_transmission(name: str, planar_scene: Scene) -> None:
     np.testing.assert_allclose(found[EquationRow("motor", 0)], -expected, atol=1e-9)
 
 
+def test_a_scale_moves_the_spring_and_what_the_rotor_needs(planar_scene: Scene) -> None:
+    m, joint = planar_scene.motion, planar_scene.robot.joints[0]
+    found = total("encoder_scale", planar_scene)
+    share = 1e-3 / (1 + 1e-3)
+    np.testing.assert_allclose(found[EquationRow("link", 0)], 3000.0 * share * m.theta[:, 0], atol=1e-9)
+    values = {
+        p.kind: planar_scene.parameters[k] for k, p in enumerate(planar_scene.robot.parameter_names()) if p.joint == 0
+    }
+    rotor = values["Jm"] * (joint.gear_ratio or 1.0) ** 2 * m.ddtheta[:, 0] + values["fv"] * m.dtheta[:, 0]
+    expected = -share * (3000.0 * m.theta[:, 0] + rotor)
+    np.testing.assert_allclose(found[EquationRow("motor", 0)], expected, atol=1e-6)
+
+
 def test_a_skew_moves_the_spring_and_what_the_bodies_need(planar_scene: Scene) -> None:
     m = planar_scene.motion
     found = total("encoder_skew", planar_scene)

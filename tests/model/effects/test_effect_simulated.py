@@ -32,7 +32,7 @@ CHANGES = {
     "gravity_direction": {"roll": 0.01, "pitch": -0.004},
     "encoder_zero": {"offset": 0.01},
 }
-LEFT = {"hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2, "encoder_zero": 0.1}
+LEFT = {"encoder_scale": 0.01, "hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2, "encoder_zero": 0.1}
 """Share of the effect that may remain: states between samples, the second order of what turns the model."""
 
 
@@ -120,7 +120,7 @@ def test_torque_sensors_read_what_their_effect_says(name: str) -> None:
     np.testing.assert_allclose(result.recording.tau_link[:, 0], truth + linear @ column, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", ["torque_delay", "encoder_skew", "torque_gain", "encoder_offset"])
+@pytest.mark.parametrize("name", ["torque_delay", "encoder_skew", "torque_gain", "encoder_offset", "encoder_scale"])
 def test_an_effect_of_the_log_is_taken_back_with_its_sign_turned(name: str) -> None:
     t = DT * np.arange(1000)
     wave = np.stack([np.sin(5 * t), np.cos(3 * t)], axis=1)
@@ -128,7 +128,8 @@ def test_an_effect_of_the_log_is_taken_back_with_its_sign_turned(name: str) -> N
     effect = LIBRARY[name](0)
     values = LIBRARY[name].example
     changed = signals | effect.logged(signals, DT, values)
-    back = {k: 1 / (1 + v) - 1 if name == "torque_gain" else -v for k, v in values.items()}
+    factor = name in ("torque_gain", "encoder_scale")
+    back = {k: 1 / (1 + v) - 1 if factor else -v for k, v in values.items()}
     again = changed | effect.logged(changed, DT, back)
     for key, original in signals.items():
         np.testing.assert_allclose(again[key][20:-20], original[20:-20], atol=1e-6)
