@@ -18,6 +18,9 @@ from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Kind
 
 HIGH = 1.3
 """Residual over floor above which a row counts as high."""
+BETWEEN = 3.0
+"""Times the whole joint's residual, each over its noise, from which the motor side's is made between the encoders: what
+is wrong with the motor or its torque is in both alike, and what is wrong between them bends the rest of the fit."""
 MATTERS = 5e-4
 """Residual beyond the floor, as a part of the torque, below which smoothing's own errors are seen, and no physics."""
 STANDSTILL = 0.05
@@ -117,16 +120,17 @@ def suspects(rows: tuple[RowState, ...]) -> dict[str, str]:
         if (joint, "spring") in ratio:
             side = _sensed_side([kind for kind in SENSOR_KINDS if ratio.get((joint, kind), 0.0) > HIGH])
         else:
-            side = "" if motor is None else _side(total > HIGH, motor > HIGH)
+            between = motor is not None and motor > max(HIGH, BETWEEN * total)
+            side = "" if motor is None else _side(total > HIGH and not between, motor > HIGH)
         if side:
             found[joint] = side
     return found
 
 
 def _side(whole: bool, motor: bool) -> str:
-    """Return where to look, from which residuals of a joint are above noise."""
+    """Return where to look, from which residuals of a joint are above noise, or no small part of the other."""
     if not whole:
-        return "transmission" if motor else ""
+        return "transmission or its encoders" if motor else ""
     return "motor or its torque signal" if motor else "link side"
 
 

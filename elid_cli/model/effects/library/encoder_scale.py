@@ -18,7 +18,7 @@ LARGEST = 0.06
 STEP = 1e-3
 """Share of the motor's motion by which the derivative of torques is taken; they are linear in it."""
 
-MOST = 0.03
+MOST = 0.1
 """Part of its motion by which a rotor may twist the spring: of more, K is not known yet."""
 
 
