@@ -41,6 +41,7 @@ class EncoderScale(Effect):
     typical = "1e-5 to 1e-3 (counts), 1e-3 to 0.03 (a tooth of the gear)"
     fingerprint = "motor side much more than whole joint, along the joint's position, loaded or not"
     record = "the joint's whole range, lightly loaded, or one pose range under several loads"
+    taken = "Over less than half a turn, an encoder that sits off the centre of its shaft reads much the same"
     place = "encoder"
     either_sign = "A ratio is off either way."
     elastic_only = strains_spring = from_model = True
