@@ -241,6 +241,10 @@ def test_of_two_sources_of_torque_that_with_more_joints_is_taken_for_all(tmp_pat
     np.testing.assert_array_equal(log.tau, BASE.tau)
     assert log.sources["tau"] == "/joint_states.effort"
     assert f"tau of {JOINTS[0]} could be read from /c.feedback.effort as well, which has fewer joints" in log.notes
+    told = {"tau": {"from": "/c", "field": "feedback.effort"}}
+    log = read(path, robot=RIGID, mapping=told)
+    np.testing.assert_array_equal(log.tau, BASE.tau * [1.5, 1.0, 1.0])
+    assert log.sources["tau"] == f"/joint_states.effort of {' '.join(JOINTS[1:])}, else /c.feedback.effort"
 
 
 def test_states_of_a_trajectory_controller(tmp_path: Path) -> None:

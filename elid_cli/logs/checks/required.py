@@ -236,7 +236,7 @@ def _name_efforts(filled: dict[str, Array], robot: Robot, plan: ReadPlan, notes:
         return ""
     why, other = ", as the log holds nothing else of the motors", plan.placements.get("tau")
     twice = shown & rigid & ~absent[0] & absent[1]
-    if twice.any() and other is not None and shown.sum() > (~absent[0]).sum():
+    if twice.any() and other is not None and not other.told and shown.sum() > (~absent[0]).sum():
         mine, why = mine | twice, ""  # of two sources that with more joints, as for any signal
         notes.append(
             f"tau of {' '.join(names[twice])} could be read from {other.places} as well, which has fewer joints"
@@ -246,7 +246,7 @@ def _name_efforts(filled: dict[str, Array], robot: Robot, plan: ReadPlan, notes:
     who = "" if mine.all() else f" of {' '.join(names[mine])}"
     notes.append(f"tau{who} is the effort of {placement.places}{why}")
     own = placement.places
-    return own if mine.all() or other is None or absent[0].all() else f"{own}{who}, else {other.places}"
+    return f"{own}{who}, else {other.places}" if other is not None and (~absent[0] & ~mine).any() else own
 
 
 def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: int) -> None:

@@ -25,6 +25,8 @@ class Placement:
     """Whether values without names were taken in the robot's joint order."""
     left: bool = False
     """Whether that order is the one of the joints that are left, without those that are held."""
+    told: bool = False
+    """Whether a mapping says so, and not a canonical name or what is known of a message."""
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ class _Placing:
                 self._pass_over(signal, found if new <= old else best, new, old)
             if new <= old:
                 return False
-        self.placements[signal] = found
+        self.placements[signal] = replace(found, told=not (layer.canonical or layer.profile))
         if signal == "tau_link":
             self.either = layer.canonical and "joint_states" in found.places
         self.used[signal] = layer.where if layer.profile else ""
