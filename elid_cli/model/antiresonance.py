@@ -23,7 +23,9 @@ RIGID_ERROR = 0.05
 """Error of the torque up to which a rigid joint counts as a description."""
 LEAST_LINK = 0.05
 """Least share of a link in all inertia that its motor moves."""
-LEAST_FREE = 0.02
+LEAST = 1e-6
+"""The same of a joint that nothing is described of, in the largest inertia of all."""
+LEAST_FREE = 0.002
 """Least eigenvalue of the links' mass matrix, its diagonal 1: bodies that no real one has must not turn it negative."""
 POSES = 20
 SPREAD = 0.5
@@ -90,10 +92,15 @@ def expected_antiresonance(robot: Robot, joint: int, *, others_move: bool = True
     if not stiffness > 0:
         return float("nan")
     links = _inertias(robot, motors_move=False)
-    held = links.diagonal(axis1=1, axis2=2).mean(axis=0)
-    least = max(held[joint], LEAST_LINK * moved_inertias(robot)[joint])
+    whole = np.abs(moved_inertias(robot))
+    held = np.maximum(
+        links.diagonal(axis1=1, axis2=2).mean(axis=0), LEAST_LINK * np.maximum(whole, LEAST * whole.max())
+    )
+    if not held[joint] > 0:
+        return float("nan")
     if not others_move:
-        return float(np.sqrt(stiffness / least) / (2 * np.pi))
+        return float(np.sqrt(stiffness / held[joint]) / (2 * np.pi))
+    held = np.where(held > 0, held, 1.0)
     size, axes = np.linalg.eigh(links / np.sqrt(np.outer(held, held)))
     moved = np.mean(np.sum(axes[:, joint] ** 2 / np.maximum(size, LEAST_FREE), axis=1))
-    return float(np.sqrt(stiffness * moved / least) / (2 * np.pi))
+    return float(np.sqrt(stiffness * max(moved, 1.0) / held[joint]) / (2 * np.pi))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,3 +58,14 @@ def test_it_is_highest_where_the_other_links_give_way_and_lowest_where_they_are_
         highest = np.sqrt(stiffness * np.linalg.inv(links)[k, k]) / (2 * np.pi)
         assert expected_antiresonance(robot, k, others_move=False) == pytest.approx(lowest, rel=1e-3)
         assert expected_antiresonance(robot, k) == pytest.approx(highest, rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [0.0, -0.05])
+def test_a_body_that_no_real_one_is_leaves_that_of_other_joints(size: float, tmp_path: Path) -> None:
+    robot = read_robot(str(arm(tmp_path, 1.2)))
+    first, second = robot.joints
+    body = {name: 0.0 for name in second.parameters if name not in ("Jm", "K")} | {"Izz": size}
+    robot = replace(robot, joints=(first, replace(second, parameters={**second.parameters, **body})))
+    alone = INERTIA[0] + MASS[0] * REACH[0] ** 2 + size
+    assert expected_antiresonance(robot, 0) == pytest.approx(np.sqrt(STIFFNESS[0] / alone) / (2 * np.pi), rel=0.15)
+    assert expected_antiresonance(robot, 1) > expected_antiresonance(robot, 0)
