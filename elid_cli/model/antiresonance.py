@@ -26,7 +26,8 @@ LEAST_LINK = 0.05
 LEAST = 1e-6
 """The same of a joint that nothing is described of, in the largest inertia of all."""
 LEAST_FREE = 0.002
-"""Least eigenvalue of the links' mass matrix, its diagonal 1: bodies that no real one has must not turn it negative."""
+"""Least eigenvalue of the links' mass matrix, its diagonal 1, in size: that of bodies that no real one is may be
+negative."""
 POSES = 20
 SPREAD = 0.5
 """Share of the joints' ranges that the poses cover."""
@@ -93,14 +94,13 @@ def expected_antiresonance(robot: Robot, joint: int, *, others_move: bool = True
         return float("nan")
     links = _inertias(robot, motors_move=False)
     whole = np.abs(moved_inertias(robot))
-    held = np.maximum(
-        links.diagonal(axis1=1, axis2=2).mean(axis=0), LEAST_LINK * np.maximum(whole, LEAST * whole.max())
-    )
+    least = LEAST_LINK * np.maximum(whole, LEAST * whole.max())
+    held = np.maximum(links.diagonal(axis1=1, axis2=2).mean(axis=0), least)
     if not held[joint] > 0:
         return float("nan")
     if not others_move:
         return float(np.sqrt(stiffness / held[joint]) / (2 * np.pi))
     held = np.where(held > 0, held, 1.0)
     size, axes = np.linalg.eigh(links / np.sqrt(np.outer(held, held)))
-    moved = np.mean(np.sum(axes[:, joint] ** 2 / np.maximum(size, LEAST_FREE), axis=1))
+    moved = np.mean(np.sum(axes[:, joint] ** 2 / np.maximum(np.abs(size), LEAST_FREE), axis=1))
     return float(np.sqrt(stiffness * max(moved, 1.0) / held[joint]) / (2 * np.pi))
