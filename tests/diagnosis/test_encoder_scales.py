@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from elid_cli.diagnosis import Diagnosis, diagnose
+from elid_cli.diagnosis.diagnose import DiagnoseOptions
 from elid_cli.diagnosis.residuals import RowState, suspects
 from elid_cli.experiment import simulation
 from elid_cli.experiment.simulation.sensors import SensorOptions
@@ -18,15 +19,18 @@ from tests.diagnosis.diagnosis_logs import arm
 SCALE, OFFSET = 100 / 101 - 1, 2e-3
 
 
-@pytest.mark.parametrize("offset", [0.0, OFFSET])
-def test_a_wrong_gear_ratio_is_named_and_its_size_is_right(offset: float) -> None:
+@pytest.mark.parametrize(
+    ("offset", "seed", "only"),
+    [(0.0, 3, ()), (0.0, 4, ()), (OFFSET, 3, ()), (OFFSET, 3, ("encoder_scale", "encoder_offset"))],
+)
+def test_a_wrong_gear_ratio_is_named_and_its_size_is_right(offset: float, seed: int, only: tuple[str, ...]) -> None:
     robot = arm()
     specs = [EffectSpec("encoder_scale", "joint2", {"scale": SCALE})]
     specs += [EffectSpec("encoder_offset", "joint2", {"offset": offset})] if offset else []
     faulty = replace(robot, effects=tuple(specs))
-    options = simulation.SimulationOptions(duration=8.0, seed=3, rate=500.0, sensors=SensorOptions(noise_db=90.0))
+    options = simulation.SimulationOptions(duration=6.0, seed=seed, rate=500.0, sensors=SensorOptions(noise_db=90.0))
     log = simulation.run(faulty, options).recording
-    found = diagnose(robot, prepare(log, robot, SignalOptions.for_diagnosis(500.0)))
+    found = diagnose(robot, prepare(log, robot, SignalOptions.for_diagnosis(500.0)), DiagnoseOptions(only=only))
     assert isinstance(found, Diagnosis)
     sizes = {(e.effect, e.joint): e for e in found.effects}
     assert set(sizes) == {(spec.effect, spec.joint) for spec in specs}

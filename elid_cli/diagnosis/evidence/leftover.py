@@ -57,6 +57,8 @@ def only_helps(state: State, number: int, gain: float) -> bool:
     rows = [row for row in touched(lacking, state, own) if row in own and ratios[row] > HIGH]
     if effect.in_deflection:  # a late link bends other joints' equations too, but it is its own that show it
         rows = [row for row in rows if row.joint == effect.joint]
+    if effect.in_deflection == "position":  # what the rotor has of it is little beside what strains the spring
+        rows = [row for row in rows if row == state.log.observation.spring_row(effect.joint)]
     if effect.local:
         if any(_recurs(lacking, state, row) for row in rows):
             return True

@@ -37,22 +37,24 @@ def measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tupl
     """
     steps: list[Step] = []
     kinds = _between_encoders()
-    if any(kind.name not in library for kind in kinds):
-        return state, steps
     for joint in range(state.log.model.robot.n):
-        if not all(kind.applies(state.log.model.robot, joint) for kind in kinds):
-            continue
-        present = {(e.name, e.joint) for e in state.effects}
-        if any((kind.name, joint) in present for kind in kinds):
-            continue
         # where the positions have shown the skew, what hides behind it can still be the offset
         moved = state.log.shifts.of("link", joint) != 0.0
-        pair = [k for k in kinds if k.in_deflection != "position" and not (moved and k.corrects == "link")]
-        trial = _scaled(state, joint, kinds) or _pair(state, joint, pair)
+        pair = [k for k in kinds if k.in_deflection != "position"]
+        scaled = [k for k in kinds if k.in_deflection != "velocity"]
+        trial = _scaled(state, joint, scaled) if all(_is_free(state, k, joint, library) for k in scaled) else None
+        if trial is None and all(_is_free(state, k, joint, library) for k in pair):
+            trial = _pair(state, joint, [k for k in pair if not (moved and k.corrects == "link")])
         if trial is not None:
             state, found = trial
             steps += found
     return state, steps
+
+
+def _is_free(state: State, kind: type[Effect], joint: int, library: Mapping[str, type[Effect]]) -> bool:
+    """Whether a fault may be looked for at a joint, which does not have it yet."""
+    there = any(isinstance(effect, kind) and effect.joint == joint for effect in state.effects)
+    return kind.name in library and kind.applies(state.log.model.robot, joint) and not there
 
 
 def _between_encoders() -> list[type[Effect]]:
