@@ -21,8 +21,9 @@ SCALE, OFFSET = 100 / 101 - 1, 2e-3
 
 @pytest.mark.parametrize(
     ("offset", "seed", "only"),
-    [(0.0, 3, ()), (0.0, 4, ()), (OFFSET, 3, ()), (OFFSET, 3, ("encoder_scale", "encoder_offset"))],
-)
+    [(0.0, 3, ()), (0.0, 4, ("encoder_scale", "encoder_offset", "encoder_skew")), (OFFSET, 3, ()),
+     (OFFSET, 3, ("encoder_scale", "encoder_offset"))],
+)  # fmt: skip
 def test_a_wrong_gear_ratio_is_named_and_its_size_is_right(offset: float, seed: int, only: tuple[str, ...]) -> None:
     robot = arm()
     specs = [EffectSpec("encoder_scale", "joint2", {"scale": SCALE})]
