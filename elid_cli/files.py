@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from elid_cli.errors import UsageError, did_you_mean
@@ -99,27 +99,35 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def filling(folder: str | Path) -> Iterator[Path]:
-    """Yield a folder, made if it is missing, and leave nothing new in it where the block does not end well.
+def filling(folder: str | Path) -> Iterator[Callable[[str], Path]]:
+    """Make a folder if it is missing, and leave no new file in it where the block does not end well.
+
+    Yielded is what returns the path of a file to write, by its name; files that were there before stay.
 
     Raises
     ------
     UsageError
         The folder cannot be made.
     """
-    target = Path(folder)
-    earlier = {item.name for item in target.iterdir()} if target.is_dir() else None
+    target, new = Path(folder), list[Path]()
+    there = target.is_dir()
+
+    def within(name: str) -> Path:
+        path = target / name
+        if not path.exists():
+            new.append(path)
+        return path
+
     try:
         target.mkdir(exist_ok=True)
     except OSError as problem:
         raise UsageError(f"{target}: cannot be made", detail=str(problem.strerror).lower()) from problem
     try:
-        yield target
+        yield within
     except BaseException:
-        for item in target.iterdir():
-            if item.name not in (earlier or ()) and not item.is_dir():
-                item.unlink(missing_ok=True)
-        if earlier is None:
+        for path in new:
+            path.unlink(missing_ok=True)
+        if not there:
             with contextlib.suppress(OSError):
                 target.rmdir()
         raise

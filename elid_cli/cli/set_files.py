@@ -64,10 +64,10 @@ def write_sets(sets: ParameterSets, path: Path) -> list[str]:
     robots = sets.robots()
     suffix = Path(robots[0].source).suffix or ".yaml"
     digits = len(str(len(robots)))
-    with filling(path):
+    with filling(path) as within:
         for number, robot in enumerate(robots, start=1):
-            write_described(robot, str(path / f"set_{number:0{digits}d}{suffix}"))
-        write_csv(sets, path / TABLE)
+            write_described(robot, str(within(f"set_{number:0{digits}d}{suffix}")))
+        write_csv(sets, within(TABLE))
     return [f"{path}: {sentence}" for sentence in not_held(robots[0], f"set{suffix}")]
 
 

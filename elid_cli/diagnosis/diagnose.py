@@ -26,7 +26,7 @@ from elid_cli.diagnosis.search.at_all_joints import at_all_joints
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
 from elid_cli.diagnosis.search.event_times import retimed
-from elid_cli.diagnosis.search.forward import beside, search
+from elid_cli.diagnosis.search.forward import beside, search, with_refined_shapes
 from elid_cli.diagnosis.search.friction_curves import with_whole_curves
 from elid_cli.diagnosis.search.one_for_two import with_one_for_two
 from elid_cli.diagnosis.search.other_forms import other_forms, with_usual_forms
@@ -302,7 +302,10 @@ def _supported(found: Found, declared: int) -> Found:
             return replace(found, after=state, steps=tuple(steps), remaining=(*gone, *found.remaining))
         worst = min(failing)[1]
         gone.append(steps[worst].candidate)
+        beside_it = any(e.shape and e.joint == gone[-1].effect.joint for e in state.effects[declared:])
         state, steps = dropped(state, steps, declared, worst)
+        if beside_it:  # what has gone had bent the others' shapes
+            state = with_refined_shapes(state, declared)
         steps = [beside(left, gone[-1]) for left in steps]
 
 

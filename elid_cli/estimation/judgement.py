@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -125,3 +126,14 @@ class Judgement:
         if not self.noise:
             return "not judged"
         return "insufficient" if self.insufficient else "sufficient"
+
+
+def without_chance(told: Sequence[Judgement]) -> list[Judgement]:
+    """Return judgements of several logs, without what few of them find only likely: by chance one of many does."""
+    likely = [bool(one.notes) and not one.insufficient for one in told]
+    if len(told) == 1 or 2 * sum(likely) >= len(told):
+        return list(told)
+    return [
+        replace(one, notes=(), biased=np.zeros_like(one.biased)) if unsure else one
+        for one, unsure in zip(told, likely, strict=True)
+    ]

@@ -24,7 +24,7 @@ LAST = 0.1
 """Part of a sample up to which the torques may put right a skew that the positions show."""
 PAIR_GAIN = 0.1
 """Least part of the left-out motor row's error that both together must take away, also from either alone."""
-SCALE_GAIN = 0.9
+SCALE_GAIN = 0.99
 """Least part of it that a wrong scale takes away: the load follows the position, too, and springs bend by it."""
 
 

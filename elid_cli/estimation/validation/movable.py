@@ -104,7 +104,7 @@ def _of_deflection(fit: DefaultFit, missing: Sequence[Missing]) -> NDArray[np.bo
     rows = {item.row for item in missing}
     doubted = [
         row.joint for row in rows
-        if row.kind in ("motor", "spring") and EstimationRow("sum", row.joint) not in rows
+        if row.kind == "motor" and EstimationRow("sum", row.joint) not in rows
     ]  # fmt: skip
     leaders = [fit.base.parameters[k] for k in fit.base.leaders]
     rotors = [leader in {fit.model.robot.rotor_names[k] for k in doubted} for leader in leaders]

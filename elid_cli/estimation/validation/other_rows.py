@@ -19,6 +19,8 @@ MOVED = 3.0
 """Shift, in standard errors of what the other rows say alone, from which they contradict."""
 LOST = 3.0
 """Growth of a standard error without some rows from which a parameter rests on them."""
+TINY = 1e-14
+"""Least eigenvalue of all information, of the largest."""
 HELD = 1e-6
 """Share of its information that a direction keeps which the other rows do not show at all."""
 
@@ -50,11 +52,13 @@ def moved_by_rows(fit: DefaultFit, rows: Collection[EstimationRow]) -> tuple[NDA
             pull[where] += factor.T @ left
     scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
     whole, others = (matrix * np.outer(scale, scale) for matrix in (whole, others))
-    transform = fit.transform[:, solution.basis] * scale
-    inverse = np.asarray(np.linalg.pinv(others + HELD * whole, rcond=1e-14, hermitian=True), dtype=float)
-    shift = np.abs(transform @ (inverse @ (scale * pull)))
-    alone = np.asarray(np.linalg.pinv(whole, rcond=1e-14, hermitian=True), dtype=float)
-    now = _spread(transform, alone)
+    # in coordinates in which all rows know every direction alike: no inverse then cuts any off
+    known, axes = np.linalg.eigh(whole)
+    alike = axes / np.sqrt(np.maximum(known, TINY * known.max()))
+    transform = (fit.transform[:, solution.basis] * scale) @ alike
+    inverse = np.asarray(np.linalg.inv(alike.T @ others @ alike + HELD * np.eye(len(known))))
+    shift = np.abs(transform @ (inverse @ (alike.T @ (scale * pull))))
+    now = np.linalg.norm(transform, axis=1)
     growth = _spread(transform, inverse) / np.maximum(now, 1e-300)
     return shift > MOVED * growth * fit.deviations(fit.covariance), growth > LOST
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.data import sampled, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
-from elid_cli.estimation.judgement import Insufficient, JointError, Judgement, RowNoise
+from elid_cli.estimation.judgement import Insufficient, JointError, Judgement, RowNoise, without_chance
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, RowGroup
@@ -87,7 +87,7 @@ _LEAST = 60
 
 def judged_model(found: Identification, *said: Judgement | None) -> Identification:
     """Return an identification with what its residual says of the model, in one log or in several."""
-    told = [one for one in said if one is not None and len(one.biased) == found.base.count]
+    told = without_chance([one for one in said if one is not None and len(one.biased) == found.base.count])
     if not told or not any(one.noise for one in told):
         return found
     noise = told[0].noise if len(said) == 1 else _joined(told)
@@ -109,7 +109,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         model="insufficient" if insufficient else "sufficient",
         nuisances=tuple(item.doubted for item in found.nuisances) if insufficient or far else found.nuisances,
         warnings=(*found.warnings, *too_quiet(found, noise), *unpredicted(error)),
-        notes=(*found.notes, *dict.fromkeys(note for one in told for note in one.notes)),
+        notes=(*found.notes, *{n.partition(" (")[0]: n for one in told for n in one.notes}.values()),
     )
 
 
@@ -183,10 +183,14 @@ def judge_model(fit: DefaultFit) -> Judgement:
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
     names = observation.robot.joint_names
     told = quiet and weight.sure > SURER * max(gains.sure, zeros.sure)  # what else is missing may look like these
-    off = {FACTOR: gains.joints, ZERO: zeros.joints[:1]} if quiet else {}
-    off |= {WEIGHT: weight.joints} if told else {}
-    absorbed = [Insufficient(n.joint, n.rows, n.ratio, word, 0.0) for word, joints in off.items() for n in seen.noise
-                if n.rows == "sum" and n.joint in [names[k] for k in joints]]  # fmt: skip
+    off = [(gains.sure, FACTOR, gains.joints), (zeros.sure, ZERO, zeros.joints[:1])] if quiet else []
+    off += [(weight.sure, WEIGHT, weight.joints)] if told else []
+    absorbed = [
+        Insufficient(n.joint, n.rows, n.ratio, word, 0.0)  # of one row's words the surest is the last
+        for _, word, joints in sorted(off, key=lambda item: item[0])
+        for n in seen.noise
+        if n.rows in (("sum", "load") if word == WEIGHT else ("sum",)) and n.joint in [names[k] for k in joints]
+    ]
     notes = weight.notes if told else ()
     return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise), notes)
 

@@ -24,7 +24,8 @@ from elid_cli.report.tree import number_text, upper
 ABSORBED = {
     FACTOR: "the torque of {} looks off by a factor, which other values take up",
     ZERO: "the zero of the positions of {} looks off, or the base tilted, which other values take up",
-    WEIGHT: "a weak spring looks missing at {}, which other values take up (see the notes)",
+    WEIGHT: "a torque like a weight's looks missing at {}, such as a weak spring's, which other values take up (see the"
+    " notes)",
 }
 """What leaves next to nothing, as other values take it up; in place of ``{}`` the joint."""
 UNSURE = "Nothing that this log shows for sure."

@@ -119,8 +119,8 @@ def draw(report: Report, folder: Path, suffix: str = "png") -> None:
     """Write the report's figures into a folder, made if it is missing: one file each, whole or not at all."""
     from elid_cli.report.figures import kinds, picture
 
-    with filling(folder):
+    with filling(folder) as within:
         for figure in shown(report).figures:
             if figure.kind in kinds():
-                with replacing(folder / f"{file_name(figure.key)}.{suffix}") as beside:
+                with replacing(within(f"{file_name(figure.key)}.{suffix}")) as beside:
                     beside.write_bytes(picture(figure, suffix))
