@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from elid_cli.estimation.judgement import Judgement
+from elid_cli.estimation.judgement import Judgement, without_chance
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.streaming.files import _heard, _told
 from elid_cli.estimation.validation.absorbed_weight import TAKEN_UP
@@ -78,3 +78,13 @@ def test_what_it_moves_is_kept_with_a_reduced_log() -> None:
     heard = _heard(told, (), ())
     assert heard is not None
     assert heard.notes == ("a note",)
+
+
+@pytest.mark.parametrize(("likely", "said"), [(1, False), (2, True)])
+def test_what_one_of_several_logs_finds_likely_is_chance(likely: int, *, said: bool) -> None:
+    unsure = Judgement((), (), np.ones(2, dtype=bool), (), ("a note",))
+    silent = Judgement((), (), np.zeros(2, dtype=bool))
+    told = without_chance([unsure] * likely + [silent] * (4 - likely))
+    assert any(one.notes for one in told) == said
+    assert any(one.biased.any() for one in told) == said
+    assert without_chance([unsure]) == [unsure]

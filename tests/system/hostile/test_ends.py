@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from elid_cli.files import filling
 from tests.cli.conftest import interruptible
 from tests.system.hostile.hostile import ROBOT, elid, one_message
 from tests.system.hostile.test_csv_files import saved, table
@@ -185,3 +186,25 @@ def test_two_runs_give_the_same_bytes(log: Path, tmp_path: Path) -> None:
         env={**ENVIRONMENT, "PYTHONHASHSEED": "1", "LC_ALL": "C"},
     )  # fmt: skip
     assert json.loads(other.stdout) == elid("identify", log, "--robot", ROBOT, "--json").json
+
+
+def half_filled(folder: Path, others: dict[str, str]) -> None:
+    """Begin to fill a folder, into which others write meanwhile, and be interrupted."""
+    with filling(folder) as within:
+        for name in ("new.csv", *(item.name for item in folder.iterdir())):
+            within(name).write_text("half")
+        for name, text in others.items():
+            (folder / name).write_text(text)
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_folder_that_is_not_filled_to_the_end_loses_its_new_files_alone(tmp_path: Path, there: bool) -> None:
+    folder = tmp_path / "sets"
+    if there:
+        folder.mkdir()
+        (folder / "old.csv").write_text(OLD)
+    with pytest.raises(KeyboardInterrupt):
+        half_filled(folder, {"of another.csv": OLD} if there else {})
+    assert folder.exists() == there
+    assert not there or {item.name for item in folder.iterdir()} == {"old.csv", "of another.csv"}
