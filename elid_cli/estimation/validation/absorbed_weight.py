@@ -98,7 +98,7 @@ def _words(fit: DefaultFit, sure: float, effect: Effect, asked: Size) -> str:
     ])  # fmt: skip
     surely = "" if sure > SURE else ", which this log alone is not sure of"
     kinds = effect_classes()
-    twins = in_words([kinds[name].title or name.replace("_", " ") for name in kinds[effect.name].twins])
+    twins = ", ".join(kinds[name].title or name.replace("_", " ") for name in kinds[effect.name].twins)
     return (
         f"a {effect.title or effect.name.replace('_', ' ')} at {joint.name} ({sizes}), or a twin of it ({twins}), "
         f"would explain this log better{surely}: {TAKEN_UP}, "
