@@ -117,6 +117,8 @@ def test_no_value_counts_as_known_where_a_joint_moves_far_beyond_its_range(plana
     far = replace(noisy, q=noisy.q * turned, theta=noisy.theta * turned)
     assert all(item.bias_possible for item in identify(planar, prepare(far, planar)).parameters)
     assert not any(item.bias_possible for item in identify(planar, prepare(noisy, planar)).parameters)
-    # a file without limits says nothing of the kind
-    free = replace(planar, joints=tuple(replace(joint, limits=Limits()) for joint in planar.joints))
-    assert not all(item.bias_possible for item in identify(free, prepare(far, free)).parameters)
+    # the same positions, far beyond what the file allows; one without limits says nothing of the kind
+    narrow = Limits(position=(-0.01, 0.01))
+    for limits, marked in ((narrow, True), (Limits(), False)):
+        robot = replace(planar, joints=tuple(replace(joint, limits=limits) for joint in planar.joints))
+        assert {item.bias_possible for item in identify(robot, prepare(noisy, robot)).parameters} == {marked}
