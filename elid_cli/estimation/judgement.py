@@ -137,3 +137,15 @@ def without_chance(told: Sequence[Judgement]) -> list[Judgement]:
         replace(one, notes=(), biased=np.zeros_like(one.biased)) if unsure else one
         for one, unsure in zip(told, likely, strict=True)
     ]
+
+
+def joined_noise(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:
+    """Return the noise of every row in all logs together."""
+    rows: dict[tuple[str, Kind], list[RowNoise]] = {}
+    for one in said:
+        for item in one.noise:
+            rows.setdefault((item.joint, item.rows), []).append(item)
+    return tuple(  # a moment is one of a log, and is not told of several
+        RowNoise(*row, *np.sqrt(np.mean([[i.floor**2, i.ratio**2, i.correlation**2] for i in items], axis=0)).tolist())
+        for row, items in rows.items()
+    )  # fmt: skip

@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.data import sampled, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
-from elid_cli.estimation.judgement import Insufficient, JointError, Judgement, RowNoise, without_chance
+from elid_cli.estimation.judgement import (
+    Insufficient,
+    JointError,
+    Judgement,
+    RowNoise,
+    joined_noise,
+    without_chance,
+)
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, RowGroup
@@ -50,7 +57,7 @@ from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.estimation.validation.unpredicted import unpredicted
 from elid_cli.estimation.validation.verdicts import hidden_by_rest
-from elid_cli.model.regressor import EstimationRow, Kind
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.signals import Signals
@@ -90,7 +97,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
     told = without_chance([one for one in said if one is not None and len(one.biased) == found.base.count])
     if not told or not any(one.noise for one in told):
         return found
-    noise = told[0].noise if len(said) == 1 else _joined(told)
+    noise = told[0].noise if len(said) == 1 else joined_noise(told)
     insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
     error = above_noise(found.error, found.robot, noise)
     shares = {name: item.relative for name, item in error.items() if item.relative is not None}
@@ -140,18 +147,6 @@ def above_noise(error: Mapping[str, JointError], robot: Robot, noise: Sequence[R
 def _quiet(size: float, floor: float, torque: float) -> bool:
     """Whether what a row leaves is too little for its noise, and more than splines and rounding leave."""
     return MATTERS * torque < size < QUIET * floor
-
-
-def _joined(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:
-    """Return the noise of every row in all logs together."""
-    rows: dict[tuple[str, Kind], list[RowNoise]] = {}
-    for one in said:
-        for item in one.noise:
-            rows.setdefault((item.joint, item.rows), []).append(item)
-    return tuple(  # a moment is one of a log, and is not told of several
-        RowNoise(*row, *np.sqrt(np.mean([[i.floor**2, i.ratio**2, i.correlation**2] for i in items], axis=0)).tolist())
-        for row, items in rows.items()
-    )  # fmt: skip
 
 
 def judge_model(fit: DefaultFit) -> Judgement:
