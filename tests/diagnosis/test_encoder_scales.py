@@ -11,6 +11,7 @@ from elid_cli.diagnosis.diagnose import DiagnoseOptions
 from elid_cli.diagnosis.residuals import RowState, suspects
 from elid_cli.experiment import simulation
 from elid_cli.experiment.simulation.sensors import SensorOptions
+from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
@@ -49,3 +50,14 @@ def test_what_the_motor_side_alone_has_much_of_is_not_the_motors() -> None:
     assert suspects(rows(9.9, 56.0)) == {"j1": "transmission or its encoders"}
     assert suspects(rows(18.0, 18.0)) == {"j1": "motor or its torque signal"}
     assert suspects(rows(5.0, 1.0)) == {"j1": "link side"}
+
+
+def test_what_noise_of_encoders_takes_from_a_spring_is_no_wrong_scale() -> None:
+    """A spring that the noise weakens lacks torque that follows the load, and with it the position."""
+    robot = read_robot("puma560")
+    sensors = SensorOptions(noise_db=90.0, torque_noise_relative=0.003, motor_side=True)
+    log = simulation.run(robot, simulation.SimulationOptions(seed=3, sensors=sensors)).recording
+    signals = prepare(log, robot, SignalOptions.for_diagnosis(1000.0))
+    found = diagnose(robot, signals, DiagnoseOptions(only=("encoder_scale",)))
+    assert isinstance(found, Diagnosis)
+    assert not found.effects

@@ -26,6 +26,8 @@ LARGEST_SHARE = 0.2
 """Share of the deciding deflection's energy that noise may have: K is then pulled by as much."""
 FELT = 0.1
 """Part of a rotor's torque in the sum rows from which these tell it from its link's."""
+SEEN = 1e-6
+"""Part of a column that other rows than the motor's must hold for them to say anything of it."""
 COLLAPSED = 0.5
 """Share from which so little is left of K in the fit that what the spring passes on falls to the rotor."""
 
@@ -131,7 +133,8 @@ def taken_over(
     """Return what lost stiffnesses may have moved the basis by, a standard deviation each, (r, joints with one).
 
     Where noise is most of the deflection that decides a stiffness, the rotor has taken anything from nothing to all of
-    its inertia from the link.
+    its inertia from the link. Where the sum rows tell the two apart, the values lie between what these say and what the
+    motor's row does, which lacks what the spring passes on.
 
     Parameters
     ----------
@@ -146,32 +149,40 @@ def taken_over(
     for k, joint in enumerate(model.robot.joints):
         left = deciding_deflection(model, triangles, solution, k) if joint.elastic else None
         if left is not None and noise[k] ** 2 > COLLAPSED * left:
-            lost.append(_taken_by_rotor(model, triangles, solution, k, columns) / math.sqrt(3.0))
+            taken = _taken_by_rotor(model, triangles, solution, k, columns)
+            lost.append(_moved_by_motor(triangles, solution, k) if taken is None else taken / math.sqrt(3.0))
     return np.array(lost).T.reshape(len(solution.basis), -1)
+
+
+def _moved_by_motor(triangles: Triangles, solution: Solution, joint: int) -> Array:
+    """Return what the basis (r,) changes by without the motor's row of a joint, whose stiffness is lost."""
+    basis, change = solution.basis, np.zeros(len(solution.basis))
+    others = {row: weight for row, weight in solution.weights.items() if row != EstimationRow("motor", joint)}
+    system = triangles.stacked(others)
+    matrix = system[:, basis]
+    size = np.linalg.norm(matrix, axis=0)
+    seen = size > SEEN * np.linalg.norm(triangles.stacked(solution.weights)[:, basis], axis=0)
+    left = system[:, -1] - matrix @ solution.values[basis]
+    change[seen] = np.linalg.lstsq(matrix[:, seen] / size[seen], left, rcond=1e-10)[0] / size[seen]
+    return change
 
 
 def _taken_by_rotor(
     model: Regressor, triangles: Triangles, solution: Solution, joint: int, columns: Sequence[ColumnNoise]
-) -> Array:
-    """Return what the basis (r,) changes by if all of a rotor's inertia is the link's: nothing where the sums tell.
+) -> Array | None:
+    """Return what the basis (r,) changes by if all of a rotor's inertia is the link's; None where the sums tell.
 
     The sum rows hold both, whatever the stiffness; where they feel a difference that is no noise, they tell the two
     apart.
     """
-    basis, nothing = solution.basis, np.zeros(len(solution.basis))
+    basis = solution.basis
     rotor = np.flatnonzero(basis == model.index[model.robot.rotor_names[joint]])
     if not len(rotor):
-        return nothing
+        return np.zeros(len(basis))
     place = {int(column): k for k, column in enumerate(basis)}
     stiffnesses = [k for k, column in enumerate(basis) if column < model.parameters and model.names[column].kind == "K"]
-    rows = []
-    for row in (row for row in triangles.rows if row.kind == "sum"):
-        for triangle in triangles.of(row):
-            own = [k for k, column in enumerate(triangle.index) if int(column) in place]
-            part = np.zeros((len(triangle.factor), len(basis)))
-            part[:, [place[int(triangle.index[k])] for k in own]] = triangle.factor[:, own] * solution.weights[row]
-            rows.append(part)
-    matrix = np.concatenate(rows)
+    sums = {row: weight for row, weight in solution.weights.items() if row.kind == "sum"}
+    matrix = triangles.stacked(sums)[:, basis]
     matrix[:, stiffnesses] = 0.0
     column = matrix[:, rotor[0]].copy()
     matrix[:, rotor[0]] = 0.0
@@ -189,7 +200,7 @@ def _taken_by_rotor(
             noisy += weight * float(moved @ item.gram[np.ix_(known, known)] @ moved)
     # what noise makes of it is known to a factor of two
     if felt - 2.0 * noisy > (FELT * float(np.linalg.norm(column))) ** 2:
-        return nothing
+        return None
     return -change * float(solution.values[basis[rotor[0]]])
 
 

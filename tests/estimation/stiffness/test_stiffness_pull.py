@@ -10,8 +10,10 @@ import pytest
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
 from elid_cli.estimation.stiffness.noise import deciding_deflection, with_pull
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
+from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals, prepare
 from tests.system.reproduce.inverse_logs import Laws, log_of, make, recorded
@@ -95,3 +97,15 @@ def test_what_a_stiffness_is_correlated_with_moves_along() -> None:
     slope = fit.covariance[:, own] / fit.covariance[own, own]
     assert added == pytest.approx(added[own, own] * np.outer(slope, slope), rel=1e-6)
     assert np.count_nonzero(np.diag(added) > 0) > 1
+
+
+def test_a_link_whose_stiffness_is_lost_is_known_as_well_as_the_other_rows_say() -> None:
+    """Without K the motor's row takes the link's inertia for the rotor's, and the sum rows contradict it."""
+    robot = read_robot("puma560")
+    sensors = SensorOptions(noise_db=90.0, torque_noise_relative=0.003, motor_side=True)
+    log = simulate(robot, SimulationOptions(seed=4, friction_width=3e-4, sensors=sensors))
+    found = {item.name: item for item in identify(robot, prepare(log, robot)).parameters}
+    assert found["K4"].verdict == "refused"
+    told = found["Iyy4 + Izz5"]
+    error = abs(told.estimate - told.reference)
+    assert 0.2 * told.reference < error < 2 * told.std_error

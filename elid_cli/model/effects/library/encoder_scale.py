@@ -47,6 +47,7 @@ class EncoderScale(Effect):
     elastic_only = strains_spring = from_model = True
     amplitudes = (Parameter("scale", "1", "share that the motor encoder reads too much", low=-LARGEST, high=LARGEST),)
     in_deflection = "position"
+    least_gain = 0.5  # noise of encoders weakens the spring: what it then lacks follows the load, and so the position
     always_fitted = "a wrong ratio is wrong all the time"
     example = {"scale": 0.001}
     twins = ("encoder_offset",)
