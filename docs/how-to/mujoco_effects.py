@@ -40,6 +40,7 @@ LAWS = {
     "servo_friction": lambda p, v, x, s, bend, rate, load, torque: servo(p, v, load, torque),
     "link_coulomb": lambda p, v, x, s, bend, rate, load, torque: p["friction"],
     "asymmetric_coulomb": lambda p, v, x, s, bend, rate, load, torque: p["difference"] * abs(s),
+    "asymmetric_viscous": lambda p, v, x, s, bend, rate, load, torque: p["difference"] * abs(v),
     "quadratic_viscous": lambda p, v, x, s, bend, rate, load, torque: p["amplitude"] * s * abs(v) ** p["power"],
     "torque_ripple": lambda p, v, x, s, bend, rate, load, torque: p["amplitude"] * np.sin(p["order"] * x + p["phase"]),
     "link_viscous": lambda p, v, x, s, bend, rate, load, torque: p["friction"] * v,

@@ -37,6 +37,7 @@ PUSHING: dict[str, tuple[bool, Callable[[World], np.ndarray]]] = {
     "load_friction": (True, lambda w: -0.3 * np.abs(w.spring[:, JOINT]) * np.sign(w.dtheta[:, JOINT])),
     "backdriving_friction": (True, lambda w: -0.3 * _driven(w)),
     "asymmetric_coulomb": (True, lambda w: 3 * w.arm.coulomb[JOINT] * np.abs(np.sign(w.dtheta[:, JOINT]))),
+    "asymmetric_viscous": (True, lambda w: 3 * w.arm.viscous[JOINT] * np.abs(w.dtheta[:, JOINT])),
     "position_friction": (
         True,
         lambda w: 4 * w.arm.coulomb[JOINT] * np.sin(6 * w.theta[:, JOINT]) * np.sign(w.dtheta[:, JOINT]),

@@ -21,7 +21,7 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
 from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import SMALLEST_TORQUE
-from elid_cli.diagnosis.search.candidate import FOLDS_LOST
+from elid_cli.diagnosis.search.candidate import FOLDS_LOST, Candidate
 from elid_cli.diagnosis.search.screening import screen, sensible
 from elid_cli.diagnosis.search.steps import Found, Step, best_step
 from elid_cli.estimation.data import Solved
@@ -45,6 +45,8 @@ MOVED = 4.0
 """Standard errors by which some base parameter is off without it, for an effect to be worth a name."""
 TRIED = 3
 """Candidates that are fitted in full."""
+NOISE_DECIDES = 2
+"""Folds that may speak against an effect of a size near the noise."""
 MOST = 6
 """Most of such effects in one log."""
 
@@ -96,7 +98,7 @@ def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step]
     log = replace(state.log, fold=stretch_of(state.log.observation.instants))
     whole = agreed(fit(log, state.effects, state.scene, but=state.but))
     candidates = screen(whole, kinds)
-    able = [c for c in candidates if c.supported and c.net > 0 and not _scales_all(whole, c.effect)]
+    able = [c for c in candidates if _predicts(c) and c.net > 0 and not _scales_all(whole, c.effect)]
     for _ in range(min(TRIED, len(able))):
         step = best_step(able)
         effects, last = (*state.effects, step.candidate.effect), len(state.effects)
@@ -108,6 +110,15 @@ def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step]
                 return seen, replace(step, quarters=quarters.gains, absorbed=True)
         able = [c for c in able if c is not step.candidate]
     return None
+
+
+def _predicts(candidate: Candidate) -> bool:
+    """Whether data that did not fit an effect speak for it: on the whole, and in most of the folds.
+
+    Where it is near the noise, this decides some of the folds, and by the effect's size what there is of it is judged.
+    """
+    folds = candidate.gain.folds
+    return candidate.plausible and float(folds.sum()) > 0 and int(np.sum(folds < 0)) <= NOISE_DECIDES
 
 
 def _any_gains(state: State, kinds: Mapping[str, type[Effect]]) -> bool:

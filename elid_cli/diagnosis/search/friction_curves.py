@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Progress
+from elid_cli.diagnosis.evidence.held_out import held_out_share
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.by_collocation import Collocated, collocated, possible
 from elid_cli.diagnosis.search.steps import Found, Term
@@ -40,6 +41,8 @@ SHOWN = 5.0
 """Standard errors, at the shapes that were found, by which the amplitude of a term must differ from 0."""
 RESOLVED = 3.0
 """Samples, by the speed that the motor gains in one, within which a term may not fade."""
+HARM = 0.2
+"""Part by which a joint's squared held-out error may grow: values of the collocation are not those of least squares."""
 LABEL = "collocation: whole friction curves"
 
 
@@ -80,7 +83,9 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
         kept, whole = _best(state, alone, tried, lambda part: tell(LABEL, 0.2 + 0.8 * part))
         kept, whole = _needed(state, alone, kept, whole)
         if whole is not None and kept and _supported(whole, alone):
-            return _told(found, alone, whole, kept)
+            told = _told(found, alone, whole, kept)
+            if not _harms(told.after, found.after):
+                return told
         if whole is not None and whole.excess > HOPELESS:
             break
     return found
@@ -213,6 +218,16 @@ def _told(found: Found, alone: Collocated, whole: Collocated, curves: Mapping[in
     told = [*(k for k in curves if k >= 0), *further]
     state = replace(state, solution=solution, known=covariance)
     return replace(found, after=state, terms=dict.fromkeys(told, term)) if _real(state, found.after, told) else found
+
+
+def _harms(state: State, before: State) -> bool:
+    """Whether curves predict some joint's held-out torque worse than it was predicted without them.
+
+    The collocation moves the trajectory as well, and may follow with it what the curves do not explain.
+    """
+    joints = {row.joint for row in before.triangles.rows}
+    rows = {joint: [row for row in before.triangles.rows if row.joint == joint] for joint in joints}
+    return any(held_out_share(before, state, own) < -HARM for own in rows.values())
 
 
 def _real(state: State, before: State, terms: Sequence[int]) -> bool:

@@ -47,6 +47,17 @@ class FittedEffects:
     """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
     about as well."""
 
+    @property
+    def certain(self) -> bool:
+        """Whether no columns but those of gains hang on the fit, and none hold noise of a deflection."""
+        kinds = [item.effect for item in self.effects]
+        unsure = [e for e in kinds if e.from_model or e.memory or e.strains_spring or e.place == "spring"]
+        return all(effect.of_drive == "gain" for effect in unsure)
+
+    def holds(self, effect: Effect) -> bool:
+        """Whether an effect of the same kind is at the same joint."""
+        return any(type(item.effect) is type(effect) and item.effect.joint == effect.joint for item in self.effects)
+
     @classmethod
     def of(cls, effects: Sequence[Declared], scene: Scene, signals: Signals) -> FittedEffects:
         """Return effects with their columns computed from a scene of the signals."""

@@ -56,8 +56,11 @@ def absorbed_gains(
         Rows that lack something. Other joints' need not come down to noise by a gain: beside what they lack, it may be.
     """
     none = AbsorbedGains((), np.zeros(fit.base.count, dtype=bool))
-    # columns of effects hold noise and hang on the fit: beside friction by load, 1.5 % was 19 of its errors from 0
-    extras = {} if fit.data.facts.computed.any() or fit.effects is not None else _columns(fit)
+    # beside friction by load, whose columns hold noise and hang on the fit, 1.5 % was 19 of its errors from 0
+    unasked = fit.data.facts.computed.any() or (fit.effects and not fit.effects.certain)
+    extras = {} if unasked else _columns(fit)
+    held = [item.effect for item in fit.effects.effects] if fit.effects else []
+    extras = {k: extra for k, extra in extras.items() if k not in {e.joint for e in held if e.of_drive == "gain"}}
     if len(extras) < 2:  # a factor common to all scales every parameter
         return none
     least = SURE * (NOISY if fit.model.robot.elastic.any() else 1.0)

@@ -62,12 +62,13 @@ def absorbed_weight(
         Rows that lack something, and need not come down to noise by such an effect.
     """
     moved, found = np.zeros(fit.base.count, dtype=bool), list[tuple[float, Effect, Size]]()
-    if fit.data.facts.computed.any() or fit.effects is not None:  # effects' columns hang on the positions as well
+    if fit.data.facts.computed.any() or (fit.effects and not fit.effects.certain):
         return AbsorbedWeight((), 0.0, moved, ())
     scene, robot = scene_of(fit.model, fit.signals, fit.standard), fit.model.robot
     judged = {row: quiet[row] for row in quiet if row not in lacking}
     kinds = [kind for kind in effect_classes().values() if kind.like_weight]
-    for effect in (kind(k) for kind in kinds for k in range(robot.n) if kind.applies(robot, k)):
+    able = (kind(k) for kind in kinds for k in range(robot.n) if kind.applies(robot, k))
+    for effect in (effect for effect in able if not (fit.effects and fit.effects.holds(effect))):
         asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
         if asked is not None and _seen(asked) and _can_be(effect, scene, asked):
             found.append((asked.sure, effect, asked))

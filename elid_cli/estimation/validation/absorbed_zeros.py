@@ -52,12 +52,12 @@ def absorbed_zeros(
         Rows that lack something, and need not come down to noise by a zero.
     """
     moved, found = np.zeros(fit.base.count, dtype=bool), dict[int, float]()
-    if fit.data.facts.computed.any() or fit.effects is not None:  # effects' columns hang on the positions as well
+    if fit.data.facts.computed.any() or (fit.effects and not fit.effects.certain):
         return AbsorbedZeros((), moved)
     least = ELASTIC if fit.model.robot.elastic.any() else SURE
     scene = scene_of(fit.model, fit.signals, fit.standard)
     judged = {row: quiet[row] for row in quiet if row not in lacking}
-    for effect in _asked(fit):
+    for effect in (effect for effect in _asked(fit) if not (fit.effects and fit.effects.holds(effect))):
         asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
         if asked is not None and asked.sure > least and asked.moved.any():
             found[effect.joint] = max(asked.sure, found.get(effect.joint, 0.0))

@@ -26,6 +26,7 @@ DURATION, LONG = 1.3, 2.0
 
 CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
     "asymmetric_coulomb": ("joint1", {"difference": 2.0}, 1e-6),
+    "asymmetric_viscous": ("joint1", {"difference": 1.0}, 1e-6),
     "backlash": ("joint2", {"gap": 1.5e-3}, 1e-6),
     "contact": ("joint1", {"torque": 20.0, "time": 0.65, "width": 0.3}, 1e-6),
     "cubic_stiffness": ("joint2", {"cubic": 3e6}, 1e-6),

@@ -37,6 +37,7 @@ def total(name: str, scene: Scene, joint: int = 0, **changes: float) -> dict[Equ
 
 MOTOR = {
     "asymmetric_coulomb": lambda s, w: -0.4 * np.abs(s),
+    "asymmetric_viscous": lambda s, w: -0.3 * np.abs(w),
     "quadratic_viscous": lambda s, w: 0.6 * s * w**2,
     "stribeck": lambda s, w: -0.25 * s * np.exp(-np.abs(w) / 0.1),
     "torque_offset": lambda s, w: 0.9 + 0 * w,

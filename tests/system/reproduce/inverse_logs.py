@@ -336,6 +336,8 @@ def laws_of(effect: str, made: Made, k: int) -> Laws:
             motor(lambda w: 0.6 * fs * np.sign(w.dtheta[:, k]) * np.exp(-((w.dtheta[:, k] / (0.08 * s.speed)) ** 2)))
         case "asymmetric_coulomb":
             motor(lambda w: 0.2 * fs * (w.dtheta[:, k] > 0))
+        case "asymmetric_viscous":
+            motor(lambda w: 0.2 * fv * np.abs(w.dtheta[:, k]))
         case "torque_offset":
             motor(lambda w: np.full(len(w.t), 0.2 * fs))
         case "load_friction":
@@ -433,11 +435,11 @@ def laws_of(effect: str, made: Made, k: int) -> Laws:
 FOREIGN = ("loose_mount", "warm_gain", "soft_stop", "dragging_cable", "presliding")
 WHOLE = ("gravity_direction", "payload")
 KNOWN = (
-    "stribeck", "stribeck_gauss", "asymmetric_coulomb", "torque_offset", "load_friction", "quadratic_viscous",
-    "friction_drift", "position_friction", "torque_ripple", "velocity_coupling", "transmission_damping",
-    "cubic_stiffness", "backlash", "hysteresis", "kinematic_error", "encoder_offset", "encoder_skew", "torque_delay",
-    "torque_gain", "link_spring", "link_coulomb", "link_viscous", "gravity_direction", "payload", "contact",
-    "flexible_mode",
+    "stribeck", "stribeck_gauss", "asymmetric_coulomb", "asymmetric_viscous", "torque_offset", "load_friction",
+    "quadratic_viscous", "friction_drift", "position_friction", "torque_ripple", "velocity_coupling",
+    "transmission_damping", "cubic_stiffness", "backlash", "hysteresis", "kinematic_error", "encoder_offset",
+    "encoder_skew", "torque_delay", "torque_gain", "link_spring", "link_coulomb", "link_viscous", "gravity_direction",
+    "payload", "contact", "flexible_mode",
 )  # fmt: skip
 
 

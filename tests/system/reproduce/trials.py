@@ -145,6 +145,7 @@ def truths(robot: Robot, k: int, s: Scales) -> dict[str, dict[str, float]]:
     return {
         "stribeck": {"amplitude": 0.5 * fs, "velocity": 0.08, "exponent": 1.0},
         "asymmetric_coulomb": {"difference": 0.25 * fs},
+        "asymmetric_viscous": {"difference": 0.25 * fv},
         "torque_offset": {"offset": 0.25 * fs},
         "load_friction": {"coefficient": 0.06},
         "quadratic_viscous": {"amplitude": 0.4 * fv / s.speed, "power": 2.0},
