@@ -31,6 +31,7 @@ from elid_cli.diagnosis.search.event_times import timed
 from elid_cli.diagnosis.search.far_zeros import with_far_zeros
 from elid_cli.diagnosis.search.screening import best_of, score, sensible
 from elid_cli.diagnosis.search.steps import NEAR, NEAR_SHARE, TWIN_SHARE, Found, Step, are_twins, best_step
+from elid_cli.diagnosis.search.together import worth_together
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
@@ -104,7 +105,7 @@ def _searched(
     candidates, remaining = list[Candidate](), list[Candidate]()
     tried, refusals, partial = 0, 0, False
     refused: dict[tuple[str, int], float] = {}
-    screened: State | None = None
+    screened, missed = None, list[Candidate]()
     try:
         for number in range(STEPS):
             if state is not screened:  # one that was refused leaves all as it was
@@ -113,14 +114,20 @@ def _searched(
             chosen = _chosen(state, candidates, refused, lambda one: best_of(one, library, None, "", jobs)[0])
             remaining = candidates
             if chosen is None:
-                break
+                pair = worth_together(state, missed)
+                if pair is None:
+                    break
+                (state, both), missed = pair, []
+                steps = [*steps, *both]
+                continue
             grown = _grown(state, chosen.candidate, seen)
             if grown is None:
                 refused[chosen.candidate.key], refusals = chosen.candidate.net, refusals + 1
+                missed = [*missed, chosen.candidate]
                 if refusals > REFUSALS:
                     break
                 continue
-            state, steps = grown, [*steps, chosen]
+            state, steps, missed = grown, [*steps, chosen], []
             if chosen.candidate.effect.corrects is not None:
                 state, seen = seen_again(state, library, seen)
     except KeyboardInterrupt:  # whoever waits no longer gets what is found so far
