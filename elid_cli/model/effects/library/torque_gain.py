@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Same
 from elid_cli.model.effects.rows import motor_row
@@ -66,8 +68,19 @@ class TorqueGain(Effect):
         return (Same(cls.name, rest[0], {"gain": 1.0 / (1.0 + first["gain"]) - 1.0}),)
 
     def columns(self, scene: Scene) -> Columns:
-        """Return the predicted torque in the motor row."""
-        return motor_row(self.joint, scene.predicted[:, self.joint])
+        """Return the predicted torque in the motor row, with that of the effects that the model has beside it."""
+        return motor_row(self.joint, scene.predicted[:, self.joint] + self._beside(scene))
+
+    def _beside(self, scene: Scene) -> Array:
+        """Return what other effects add to the torque of this motor, (N,): the factor is on that as well."""
+        added = np.zeros(scene.samples)
+        for effect, linear in scene.found:
+            if effect.of_drive == self.of_drive or effect.nuisance is not None:
+                continue
+            for row, values in effect.columns(scene).items():
+                if row.joint == self.joint:
+                    added += linear @ values
+        return added
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the torque as logged."""
