@@ -10,8 +10,8 @@ import pytest
 from elid_cli.estimation.judgement import Judgement, without_chance
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.streaming.files import _heard, _told
-from elid_cli.estimation.validation.absorbed_weight import TAKEN_UP
 from elid_cli.estimation.validation.following import WEIGHT
+from elid_cli.estimation.validation.size_beside import TAKEN_UP
 from elid_cli.report.answers.lacking import is_doubted, words_of
 from tests.estimation.test_unsaid_causes import RATE, as_rigid, identified, made_rigid
 from tests.system.reproduce.inverse_logs import Laws, Made, World, make

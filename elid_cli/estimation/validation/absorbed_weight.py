@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.errors import in_words
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.size_beside import MOVED, Size, size_beside
+from elid_cli.estimation.validation.size_beside import MOVED, TAKEN_UP, Size, size_beside, size_in_words
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
@@ -30,8 +29,6 @@ LIKELY, FAR = 3.3, 8.0
 be surer of a weak spring, and 4 of those 417 had one so large."""
 AS_WELL = 0.85
 """Part of the standard errors of the surest from which another joint's may be the one."""
-TAKEN_UP = "the bodies' parameters would have taken it up"
-"""By what a note that marks such parameters is known."""
 
 
 class AbsorbedWeight(NamedTuple):
@@ -93,10 +90,7 @@ def _can_be(effect: Effect, scene: Scene, asked: Size) -> bool:
 def _words(fit: DefaultFit, sure: float, effect: Effect, asked: Size) -> str:
     """Return what there is at a joint, and how large, in a sentence."""
     joint = fit.model.robot.joints[effect.joint]
-    sizes = in_words([
-        f"{p.name} {value:.3g} ± {error:.2g} {p.unit_at(slides=not joint.revolute)}"
-        for p, value, error in zip(effect.amplitudes, asked.values, asked.errors, strict=True)
-    ])  # fmt: skip
+    sizes = size_in_words(fit, effect, asked)
     surely = "" if sure > SURE else ", which this log alone is not sure of"
     kinds = effect_classes()
     twins = ", ".join(kinds[name].title or name.replace("_", " ") for name in kinds[effect.name].twins)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.size_beside import size_beside
+from elid_cli.estimation.validation.size_beside import TAKEN_UP, Size, size_beside, size_in_words
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
@@ -24,6 +24,10 @@ from elid_cli.model.regressor import EstimationRow
 SURE, ELASTIC = 4.0, 12.0
 """Standard errors by which it must differ from 0, of rigid arms and of those with elastic joints, whose encoders'
 noise in the columns is in no standard error. On 80 and 280 logs with right zeros it differed by 2.9 and 8.7 at most."""
+
+
+LIKELY, FAR = 3.0, 8.0
+"""Standard errors from which it is likely so in rigid arms, and by which it must move a parameter to be said then."""
 
 
 class AbsorbedZeros(NamedTuple):
@@ -35,6 +39,8 @@ class AbsorbedZeros(NamedTuple):
     """Base parameters that they move, (b,)."""
     sure: float = 0.0
     """Standard errors by which the surest differs from 0."""
+    notes: tuple[str, ...] = ()
+    """Of each that is likely, what it may be and what it moves."""
 
 
 def absorbed_zeros(
@@ -51,18 +57,35 @@ def absorbed_zeros(
     lacking
         Rows that lack something, and need not come down to noise by a zero.
     """
-    moved, found = np.zeros(fit.base.count, dtype=bool), dict[int, float]()
+    moved, found, notes = np.zeros(fit.base.count, dtype=bool), dict[int, float](), list[str]()
     if fit.data.facts.computed.any() or (fit.effects and not fit.effects.certain):
         return AbsorbedZeros((), moved)
-    least = ELASTIC if fit.model.robot.elastic.any() else SURE
+    elastic = bool(fit.model.robot.elastic.any())
+    least, likely = (ELASTIC, ELASTIC) if elastic else (SURE, LIKELY)
     scene = scene_of(fit.model, fit.signals, fit.standard)
     judged = {row: quiet[row] for row in quiet if row not in lacking}
     for effect in (effect for effect in _asked(fit) if not (fit.effects and fit.effects.holds(effect))):
         asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
-        if asked is not None and asked.sure > least and asked.moved.any():
+        if asked is None or not asked.moved.any():
+            continue
+        if asked.sure > least:
             found[effect.joint] = max(asked.sure, found.get(effect.joint, 0.0))
             moved |= asked.moved
-    return AbsorbedZeros(tuple(sorted(found, key=lambda k: -found[k])), moved, max(found.values(), default=0.0))
+        elif asked.sure > likely and float(asked.shift.max()) > FAR:
+            moved |= asked.moved
+            notes.append(_words(fit, effect, asked))
+    joints = tuple(sorted(found, key=lambda k: -found[k]))
+    return AbsorbedZeros(joints, moved, max(found.values(), default=0.0), tuple(notes))
+
+
+def _words(fit: DefaultFit, effect: Effect, asked: Size) -> str:
+    """Return what may be off, by how much, and what follows, in a sentence."""
+    joint = fit.model.robot.joints[effect.joint].name
+    what = "base may be tilted" if effect.whole_robot else f"zero of the positions of {joint} may be off"
+    return (
+        f"the {what} ({size_in_words(fit, effect, asked)}), which this log alone is not sure of: {TAKEN_UP}, and what "
+        f"it moves is marked; what would tell: {effect.record}"
+    )
 
 
 def _asked(fit: DefaultFit) -> Iterator[Effect]:

@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import in_words
 from elid_cli.estimation.data import Solved
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, shares_of_noise, with_pull
+from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
 
+TAKEN_UP = "the bodies' parameters would have taken it up"
+"""By what a note that marks such parameters is known."""
 MOVED = 2.0
 """Standard errors by which a gain moves a base parameter that may be biased."""
 
@@ -73,6 +77,15 @@ def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationR
     grown = np.maximum(solved.deviations(whole) ** 2 - before**2, 0.0)
     shift, loose = (_over(size, before) for size in (shift, np.sqrt(shift**2 + grown)))
     return Size(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), sure, shift, loose)
+
+
+def size_in_words(fit: DefaultFit, effect: Effect, asked: Size) -> str:
+    """Return the sizes of an effect's amplitudes with their standard errors and units."""
+    joint = fit.model.robot.joints[effect.joint]
+    return in_words([
+        f"{p.name} {value:.3g} ± {error:.2g} {p.unit_at(slides=not joint.revolute)}"
+        for p, value, error in zip(effect.amplitudes, asked.values, asked.errors, strict=True)
+    ])  # fmt: skip
 
 
 def _over(sizes: Array, deviations: Array) -> Array:

@@ -172,7 +172,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
     biased = movable(part, seen.missing, seen.curves) if seen.missing else np.zeros(fit.base.count, dtype=bool)
     still = {row: ABOVE * rms for row, rms in floor.rms.items() if row in left}
     lacking = {item.row for item in seen.missing}
-    gains, zeros = (asked(part, still, lacking) for asked in (absorbed_gains, absorbed_zeros))
+    gains, zeros = absorbed_gains(part, still, lacking), absorbed_zeros(part, still, lacking)
     weight = absorbed_weight(part, still, lacking)
     biased |= gains.moved | zeros.moved | weight.moved | moved_by_other_positions(part)
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
@@ -186,7 +186,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
         for n in seen.noise
         if n.rows in (("sum", "load") if word == WEIGHT else ("sum",)) and n.joint in [names[k] for k in joints]
     ]
-    notes = weight.notes if told else ()
+    notes = (*zeros.notes, *(weight.notes if told else ()))
     return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise), notes)
 
 

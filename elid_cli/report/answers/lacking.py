@@ -12,8 +12,8 @@ from typing import Any
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
-from elid_cli.estimation.validation.absorbed_weight import TAKEN_UP
 from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE, WEIGHT, ZERO
+from elid_cli.estimation.validation.size_beside import TAKEN_UP
 from elid_cli.estimation.validation.sufficiency import ABOVE, QUIET, UNCLEAR
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.logs.adapt import YIELDING
