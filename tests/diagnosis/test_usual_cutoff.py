@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis.diagnose import divided
+from elid_cli.diagnosis.evidence import usual_cutoff
+from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.state import fit, refreshed
 from elid_cli.diagnosis.search.screening import score
@@ -63,3 +65,15 @@ def test_what_acts_in_the_last_quarter_alone_is_dropped_and_told_with_the_cutoff
 def test_nothing_is_judged_twice_at_the_search_s_own_cutoff() -> None:
     found, _ = named(1, drag((0.0, 0.0, 0.0, 10.0)))
     assert helpful_there(found, 0, lambda: found.after.log.raw) == (found, ())
+
+
+@pytest.mark.parametrize(("whole", "stays"), [(0.1, True), (0.02, False), (-0.1, False)])
+def test_one_worse_quarter_does_not_refute_what_helps_on_the_whole(
+    whole: float, monkeypatch: pytest.MonkeyPatch, *, stays: bool
+) -> None:
+    """The largest of three such frictions was not named for one quarter at this cut-off, where little of it shows."""
+    found, usual = named(1, drag((1.0, 1.0, 1.0, 1.0)))
+    told = Survival("quadratic_viscous", "j1", (0.33, 0.1, -0.17, 0.04), whole, (False, False, True, False))
+    monkeypatch.setattr(usual_cutoff, "survival", lambda *_: told)
+    kept, gone = helpful_there(found, 0, lambda: usual)
+    assert (kept is found, gone == ()) == (stays, stays)

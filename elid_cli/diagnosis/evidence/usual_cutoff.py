@@ -23,6 +23,9 @@ from elid_cli.signals.signals import Signals
 SLIGHT = 0.005
 """Part of the squared error of all quarters together that is lost from which an effect makes the prediction worse,
 though no quarter alone can tell."""
+HELPS = 0.05
+"""The same that it must take away where one quarter is worse for it: at that cut-off little of it may show, and all
+quarters have spoken for it at the search's."""
 
 
 def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> tuple[Found, tuple[Survival, ...]]:
@@ -50,7 +53,7 @@ def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> 
             break
         fits = left_out(state)
         told = [survival(state, declared + k, fits) for k in range(len(found.steps))]
-        failing = [k for k, item in enumerate(told) if any(item.lost) or item.whole < -SLIGHT]
+        failing = [k for k, item in enumerate(told) if item.whole < (HELPS if any(item.lost) else -SLIGHT)]
         if not failing:
             break
         worst = min(failing, key=lambda k: told[k].whole)
