@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from elid_cli.estimation.identify import identify_logs
 from elid_cli.estimation.judgement import Insufficient, RowNoise
+from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.trend.series import Step, series_of
 from elid_cli.estimation.trend.trends import Trend
 from elid_cli.estimation.validation.sufficiency import far_off
 from elid_cli.report.answers.identification_json import model_payload
 from elid_cli.report.answers.inputs import nuisance_items, nuisance_payload
-from elid_cli.report.answers.lacking import is_unclear, lacking_words
+from elid_cli.report.answers.lacking import is_unclear, lacking_words, words_of
 from elid_cli.report.answers.summary import DOUBTS, doubted
 from elid_cli.report.answers.trend import changed_by
+from elid_cli.robot.files import read_robot
 from tests.system.plain_arms import random_arm
 
 
@@ -84,3 +88,18 @@ def test_a_long_delay_of_a_model_that_lacks_something_is_told_with_a_doubt() -> 
     assert "biased" not in first
     assert second.endswith("± 0.10 ms (may be biased)")
     assert ["bias_possible" in item for item in nuisance_payload((short.doubted, long.doubted))] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("masked", "said"),
+    [([0.0, 0.1], "Reversals of joint2 were left out"), ([0.1, 0.1], "Reversals of all joints"), ([0.0, 0.0], None)],
+)
+def test_where_nothing_is_missing_reversals_that_were_left_out_are_said(masked: list[float], said: str | None) -> None:
+    request = LogRequest([Path("sample_logs/planar2.h5")], read_robot("planar2"))
+    found = identify_logs(request).found
+    told = words_of(replace(found, settings={**found.settings, "masked": masked}))
+    assert told.startswith("Nothing that this log shows")
+    assert (said in told) if said else ("eversals" not in told)
+    lacking = Insufficient("joint1", "sum", 3.0, "motor speed", 0.5)
+    other = replace(found, model="insufficient", insufficient=(lacking,))
+    assert "eversals" not in words_of(replace(other, settings={**found.settings, "masked": masked}))

@@ -28,7 +28,8 @@ ABSORBED = {
     " notes)",
 }
 """What leaves next to nothing, as other values take it up; in place of ``{}`` the joint."""
-UNSURE = "Nothing that this log shows for sure."
+NOTHING = "Nothing that this log shows"
+UNSURE = f"{NOTHING} for sure."
 """What is said before what a log shows only likely."""
 BELOW = (
     "a drive whose kd is smaller than the log has it, or whose loop holds its torque or filters its velocity, looks so"
@@ -48,7 +49,7 @@ def words_of(found: Identification) -> str:
         said = lacking_words(found.model, found.insufficient, found.noise, alone=found.robot.n == 1)
     if found.model == "sufficient" and (taken := taken_up_words(found.notes)):
         said = f"{UNSURE} {taken} elid diagnose looks for it."
-    said = " ".join(part for part in (loaded, said) if part)
+    said = " ".join(part for part in (loaded, said, _unjudged_words(found, said)) if part)
     if (found.insufficient or is_unclear(found.noise)) and any(YIELDING in note for note in found.robot.notes):
         said += f" A transmission that yields looks like this, too: {YIELDING}."
     joints = found.motor_side.joints if found.motor_side else ()
@@ -61,6 +62,18 @@ def words_of(found: Identification) -> str:
         if found.insufficient or is_unclear(found.noise):
             said += " elid diagnose looks for what it does far below the antiresonance."
     return said
+
+
+def _unjudged_words(found: Identification, said: str) -> str:
+    """Return which joints' reversals the fit left out where it says that nothing is missing, in a sentence."""
+    shares = found.settings.get("masked")
+    if not said.startswith(NOTHING) or not isinstance(shares, list):
+        return ""
+    left_out = [joint.name for joint, share in zip(found.robot.joints, shares, strict=True) if share > 0]
+    if not left_out:
+        return ""
+    at = "all joints" if len(left_out) == found.robot.n > 1 else listed(left_out)
+    return f"Reversals of {at} were left out: elid diagnose tells whether friction changes towards zero speed."
 
 
 def taken_up_words(notes: Sequence[str]) -> str:
@@ -98,7 +111,7 @@ def lacking_words(
             return f"Not clear. {found}. elid diagnose looks for the cause."
         memory = f" {size}: {kept}, or {several}."
     beyond = "" if any(item.ratio < QUIET for item in noise) else " beyond the sensors' noise"
-    return f"Nothing that this log shows: no joint's residual follows the motion{beyond}.{memory}"
+    return f"{NOTHING}: no joint's residual follows the motion{beyond}.{memory}"
 
 
 def moment_words(noise: Sequence[RowNoise]) -> str:

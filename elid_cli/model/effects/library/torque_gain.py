@@ -33,6 +33,10 @@ class TorqueGain(Effect):
         "motion in which joints load each other; a factor common to all joints scales every parameter, which no log"
         " shows, so this is the factor relative to the other joints"
     )
+    taken = (
+        "Torques of joints without such a factor are taken to be right against one another: differences of up to"
+        f" {100 * LEAST:g} % between them have no name, and a joint's values are off by as much as its torque is"
+    )
     place = "torque"
     either_sign = "A torque constant is off either way."
     from_model = True
