@@ -32,6 +32,7 @@ from elid_cli.diagnosis.search.far_zeros import with_far_zeros
 from elid_cli.diagnosis.search.screening import best_of, score, sensible
 from elid_cli.diagnosis.search.steps import NEAR, NEAR_SHARE, TWIN_SHARE, Found, Step, are_twins, best_step
 from elid_cli.diagnosis.search.together import worth_together
+from elid_cli.diagnosis.search.torque_limits import judged_by_fit
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
@@ -184,7 +185,8 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     threshold = NET_AT_FLOOR if at_floor(state) else NET
     present = {(effect.name, effect.joint) for effect in state.effects}
     # of a late channel the columns hold to first order only: its fit tells whether folds support it
-    able = [c for c in candidates if (c.supported or (c.plausible and c.effect.corrects is not None))
+    told = judged_by_fit(state, candidates)
+    able = [c for c in told if (c.supported or (c.plausible and c.effect.corrects is not None))
             and c.net > threshold and _within(state, c)
             and all((name, c.effect.joint) in present for name in c.effect.comes_with)]  # fmt: skip
     if not able:
