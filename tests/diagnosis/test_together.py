@@ -15,6 +15,7 @@ from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.diagnosis.search import friction_curves
 from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.screening import screen
+from elid_cli.diagnosis.search.steps import Step
 from elid_cli.diagnosis.search.together import worth_together
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.regressor import EstimationRow
@@ -43,9 +44,13 @@ def lacking() -> tuple[State, dict[str, Candidate]]:
     return state, {c.effect.name: c for c in found if c.effect.joint == JOINT}
 
 
+def steps_to(at_joint: dict[str, Candidate], *names: str) -> list[Step]:
+    return [Step(at_joint[name], ()) for name in names]
+
+
 def test_two_effects_of_a_joint_are_accepted_together(lacking: tuple[State, dict[str, Candidate]]) -> None:
     state, at_joint = lacking
-    found = worth_together(state, [at_joint["asymmetric_coulomb"], at_joint["stribeck"], at_joint["cubic_stiffness"]])
+    found = worth_together(state, steps_to(at_joint, "asymmetric_coulomb", "stribeck", "cubic_stiffness"))
     assert found is not None
     grown, steps = found
     assert {step.candidate.effect.name for step in steps} == {"cubic_stiffness", "stribeck"}
@@ -55,8 +60,8 @@ def test_two_effects_of_a_joint_are_accepted_together(lacking: tuple[State, dict
 
 def test_an_effect_that_is_not_needed_comes_with_no_other(lacking: tuple[State, dict[str, Candidate]]) -> None:
     state, at_joint = lacking
-    assert worth_together(state, [at_joint["asymmetric_coulomb"], at_joint["cubic_stiffness"]]) is None
-    assert worth_together(state, [at_joint["cubic_stiffness"]]) is None
+    assert worth_together(state, steps_to(at_joint, "asymmetric_coulomb", "cubic_stiffness")) is None
+    assert worth_together(state, steps_to(at_joint, "cubic_stiffness")) is None
 
 
 def test_a_factor_on_a_torque_is_on_the_effects_beside_it() -> None:

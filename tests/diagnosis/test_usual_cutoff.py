@@ -67,13 +67,15 @@ def test_nothing_is_judged_twice_at_the_search_s_own_cutoff() -> None:
     assert helpful_there(found, 0, lambda: found.after.log.raw) == (found, ())
 
 
-@pytest.mark.parametrize(("whole", "stays"), [(0.1, True), (0.02, False), (-0.1, False)])
+@pytest.mark.parametrize(
+    ("whole", "worse", "stays"), [(0.1, 1, True), (0.1, 2, False), (0.02, 1, False), (-0.1, 1, False)]
+)
 def test_one_worse_quarter_does_not_refute_what_helps_on_the_whole(
-    whole: float, monkeypatch: pytest.MonkeyPatch, *, stays: bool
+    whole: float, worse: int, monkeypatch: pytest.MonkeyPatch, *, stays: bool
 ) -> None:
     """The largest of three such frictions was not named for one quarter at this cut-off, where little of it shows."""
     found, usual = named(1, drag((1.0, 1.0, 1.0, 1.0)))
-    told = Survival("quadratic_viscous", "j1", (0.33, 0.1, -0.17, 0.04), whole, (False, False, True, False))
+    told = Survival("quadratic_viscous", "j1", (0.33, 0.1, -0.17, 0.04), whole, (False, worse > 1, True, False))
     monkeypatch.setattr(usual_cutoff, "survival", lambda *_: told)
     kept, gone = helpful_there(found, 0, lambda: usual)
     assert (kept is found, gone == ()) == (stays, stays)

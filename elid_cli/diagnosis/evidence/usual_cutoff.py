@@ -13,6 +13,7 @@ from dataclasses import replace
 from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, agreed, fit, scene_in
+from elid_cli.diagnosis.search.candidate import FOLDS_LOST
 from elid_cli.diagnosis.search.steps import Found, dropped
 from elid_cli.errors import DataError
 from elid_cli.estimation.cutoff import at_best_cutoff
@@ -53,7 +54,7 @@ def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> 
             break
         fits = left_out(state)
         told = [survival(state, declared + k, fits) for k in range(len(found.steps))]
-        failing = [k for k, item in enumerate(told) if item.whole < (HELPS if any(item.lost) else -SLIGHT)]
+        failing = [k for k, item in enumerate(told) if _refuted(item)]
         if not failing:
             break
         worst = min(failing, key=lambda k: told[k].whole)
@@ -61,6 +62,12 @@ def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> 
         found = replace(found, after=after, steps=tuple(steps))
         gone.append(replace(told[worst], cutoff=raw.filter.cutoff))
     return found, tuple(gone)
+
+
+def _refuted(told: Survival) -> bool:
+    """Whether quarters speak against an effect: several, one that it takes little of the others' error for, or all."""
+    lost = sum(told.lost)
+    return lost > FOLDS_LOST or told.whole < (HELPS if lost else -SLIGHT)
 
 
 def _as_identified(log: Log, usual: Signals) -> Signals | None:

@@ -19,6 +19,7 @@ from elid_cli.estimation.collocation.setup import Setup, signal_to_noise
 from elid_cli.estimation.collocation.starts import from_start, other_valleys
 from elid_cli.estimation.default_fit import DefaultFit, fit_log
 from elid_cli.estimation.regression.effect_columns import scene_of
+from elid_cli.estimation.regression.scene_with_effects import with_found
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import Regressor
@@ -92,6 +93,7 @@ def _collocated(
     left = _stretch(log, log.fold < 0)
     rotors = fitted.effects.scene.rotors
     scene = scene_of(model, left, fitted.solution.values[: model.parameters], rotors)
+    scene = with_found(scene, list(zip((e.effect for e in fitted.effects.effects), fitted.amplitudes(), strict=True)))
     held_back = replace(fitted.samples, signals=left)
     judge = Setup(replace(fitted, data=held_back, effects=replace(fitted.effects, scene=scene)))
     if not judge.pieces:

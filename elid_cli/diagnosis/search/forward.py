@@ -106,7 +106,7 @@ def _searched(
     candidates, remaining = list[Candidate](), list[Candidate]()
     tried, refusals, partial = 0, 0, False
     refused: dict[tuple[str, int], float] = {}
-    screened, missed = None, list[Candidate]()
+    screened, missed = None, list[Step]()
     try:
         for number in range(STEPS):
             if state is not screened:  # one that was refused leaves all as it was
@@ -114,19 +114,17 @@ def _searched(
                 screened, tried = state, max(tried, count)
             chosen = _chosen(state, candidates, refused, lambda one: best_of(one, library, None, "", jobs)[0])
             remaining = candidates
-            if chosen is None:
+            if chosen is None or refusals > REFUSALS:
                 pair = worth_together(state, missed)
                 if pair is None:
                     break
-                (state, both), missed = pair, []
-                steps = [*steps, *both]
+                (state, both), missed, refusals = pair, [], 0
+                state, steps = by_torques(state, seen), [*steps, *both]
                 continue
             grown = _grown(state, chosen.candidate, seen)
             if grown is None:
                 refused[chosen.candidate.key], refusals = chosen.candidate.net, refusals + 1
-                missed = [*missed, chosen.candidate]
-                if refusals > REFUSALS:
-                    break
+                missed = [*missed, chosen]
                 continue
             state, steps, missed = grown, [*steps, chosen], []
             if chosen.candidate.effect.corrects is not None:

@@ -23,7 +23,7 @@ TRIED = 4
 """Refused candidates that are tried with one another."""
 
 
-def worth_together(state: State, refused: Sequence[Candidate]) -> tuple[State, list[Step]] | None:
+def worth_together(state: State, refused: Sequence[Step]) -> tuple[State, list[Step]] | None:
     """Return the state with the two refused candidates that help most together, and their steps; None where none do.
 
     Parameters
@@ -31,20 +31,19 @@ def worth_together(state: State, refused: Sequence[Candidate]) -> tuple[State, l
     state
         The model in which each of them was tried alone.
     refused
-        Candidates that were not worth their parameters in it, the best first.
+        Steps to candidates that were not worth their parameters in it, the best first.
     """
-    best: tuple[float, State, tuple[Candidate, Candidate]] | None = None
-    for pair in combinations([c for c in refused if not c.effect.local][:TRIED], 2):
+    best: tuple[float, State, tuple[Step, Step]] | None = None
+    able = [step for step in refused if not step.candidate.effect.local and step.candidate.effect.corrects is None]
+    for steps in combinations(able[:TRIED], 2):
+        pair = steps[0].candidate, steps[1].candidate
         if not pair[0].columns.rows.keys() & pair[1].columns.rows.keys():
             continue
         grown = refreshed(fit(state.log, (*state.effects, *(c.effect for c in pair)), state.scene))
         gain = _gain(state, grown, pair)
         if gain is not None and (best is None or gain > best[0]):
-            best = gain, grown, pair
-    if best is None:
-        return None
-    _, grown, pair = best
-    return grown, [Step(candidate, ()) for candidate in pair]
+            best = gain, grown, steps
+    return None if best is None else (best[1], list(best[2]))
 
 
 def _gain(state: State, grown: State, pair: tuple[Candidate, Candidate]) -> float | None:

@@ -50,11 +50,11 @@ class FittedEffects:
     @property
     def certain(self) -> bool:
         """Whether no columns but those of gains hang on the fit, and none hold noise of a deflection."""
-        kinds = [item.effect for item in self.effects]
-        unsure = [e for e in kinds if e.from_model or e.memory or e.strains_spring or e.place == "spring"]
-        return all(effect.of_drive == "gain" for effect in unsure)
+        kinds = [item.effect for item in self.effects if item.effect.of_drive != "gain"]
+        on_fit = any(effect.from_model or effect.memory or effect.corrects == "position" for effect in kinds)
+        return not on_fit and not any(effect.strains_spring or effect.place == "spring" for effect in kinds)
 
-    def holds(self, effect: Effect) -> bool:
+    def has(self, effect: Effect) -> bool:
         """Whether an effect of the same kind is at the same joint."""
         return any(type(item.effect) is type(effect) and item.effect.joint == effect.joint for item in self.effects)
 

@@ -130,7 +130,7 @@ def pull(value: float, noise: float, left: float) -> float:
 def taken_over(
     model: Regressor, triangles: Triangles, solution: Solution, noise: Array, columns: Sequence[ColumnNoise] = ()
 ) -> Array:
-    """Return what lost stiffnesses may have moved the basis by, a standard deviation each, (r, joints with one).
+    """Return what lost stiffnesses may have moved the basis by, as standard deviations, (r, joints with one).
 
     Where noise is most of the deflection that decides a stiffness, the rotor has taken anything from nothing to all of
     its inertia from the link. Where the sum rows tell the two apart, the values lie between what these say and what the

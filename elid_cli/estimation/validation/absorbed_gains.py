@@ -17,7 +17,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.estimation.validation.size_beside import size_beside
+from elid_cli.estimation.validation.size_beside import askable, size_beside
 from elid_cli.model.regressor import EstimationRow
 
 SURE, NOISY = 5.0, 1.4
@@ -57,8 +57,7 @@ def absorbed_gains(
     """
     none = AbsorbedGains((), np.zeros(fit.base.count, dtype=bool))
     # beside friction by load, whose columns hold noise and hang on the fit, 1.5 % was 19 of its errors from 0
-    unasked = fit.data.facts.computed.any() or (fit.effects and not fit.effects.certain)
-    extras = {} if unasked else _columns(fit)
+    extras = _columns(fit) if askable(fit) else {}
     held = [item.effect for item in fit.effects.effects] if fit.effects else []
     extras = {k: extra for k, extra in extras.items() if k not in {e.joint for e in held if e.of_drive == "gain"}}
     if len(extras) < 2:  # a factor common to all scales every parameter

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.size_beside import MOVED, TAKEN_UP, Size, size_beside, size_in_words
+from elid_cli.estimation.validation.size_beside import MOVED, TAKEN_UP, Size, askable, size_beside, size_in_words
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
@@ -59,13 +59,13 @@ def absorbed_weight(
         Rows that lack something, and need not come down to noise by such an effect.
     """
     moved, found = np.zeros(fit.base.count, dtype=bool), list[tuple[float, Effect, Size]]()
-    if fit.data.facts.computed.any() or (fit.effects and not fit.effects.certain):
+    if not askable(fit):
         return AbsorbedWeight((), 0.0, moved, ())
     scene, robot = scene_of(fit.model, fit.signals, fit.standard), fit.model.robot
     judged = {row: quiet[row] for row in quiet if row not in lacking}
     kinds = [kind for kind in effect_classes().values() if kind.like_weight]
     able = (kind(k) for kind in kinds for k in range(robot.n) if kind.applies(robot, k))
-    for effect in (effect for effect in able if not (fit.effects and fit.effects.holds(effect))):
+    for effect in (effect for effect in able if not (fit.effects and fit.effects.has(effect))):
         asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
         if asked is not None and _seen(asked) and _can_be(effect, scene, asked):
             found.append((asked.sure, effect, asked))

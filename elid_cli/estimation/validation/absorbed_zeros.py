@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.size_beside import TAKEN_UP, Size, size_beside, size_in_words
+from elid_cli.estimation.validation.size_beside import TAKEN_UP, Size, askable, size_beside, size_in_words
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
@@ -58,13 +58,13 @@ def absorbed_zeros(
         Rows that lack something, and need not come down to noise by a zero.
     """
     moved, found, notes = np.zeros(fit.base.count, dtype=bool), dict[int, float](), list[str]()
-    if fit.data.facts.computed.any() or (fit.effects and not fit.effects.certain):
+    if not askable(fit):
         return AbsorbedZeros((), moved)
     elastic = bool(fit.model.robot.elastic.any())
     least, likely = (ELASTIC, ELASTIC) if elastic else (SURE, LIKELY)
     scene = scene_of(fit.model, fit.signals, fit.standard)
     judged = {row: quiet[row] for row in quiet if row not in lacking}
-    for effect in (effect for effect in _asked(fit) if not (fit.effects and fit.effects.holds(effect))):
+    for effect in (effect for effect in _asked(fit) if not (fit.effects and fit.effects.has(effect))):
         asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
         if asked is None or not asked.moved.any():
             continue

@@ -45,6 +45,11 @@ class Size(NamedTuple):
         return moved
 
 
+def askable(fit: DefaultFit) -> bool:
+    """Whether sizes may be asked of a fit: of logged torques, and beside columns that are certain."""
+    return not fit.data.facts.computed.any() and (fit.effects is None or fit.effects.certain)
+
+
 def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationRow, float]) -> Size | None:
     """Return how large columns are beside all parameters; None where they do not show, or more than noise is left.
 
@@ -83,7 +88,7 @@ def size_in_words(fit: DefaultFit, effect: Effect, asked: Size) -> str:
     """Return the sizes of an effect's amplitudes with their standard errors and units."""
     joint = fit.model.robot.joints[effect.joint]
     return in_words([
-        f"{p.name} {value:.3g} ± {error:.2g} {p.unit_at(slides=not joint.revolute)}"
+        f"{p.name} {value:.3g} ± {error:.2g} {p.unit_at(slides=not (joint.revolute or effect.whole_robot))}"
         for p, value, error in zip(effect.amplitudes, asked.values, asked.errors, strict=True)
     ])  # fmt: skip
 

@@ -186,7 +186,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
         for n in seen.noise
         if n.rows in (("sum", "load") if word == WEIGHT else ("sum",)) and n.joint in [names[k] for k in joints]
     ]
-    notes = (*zeros.notes, *(weight.notes if told else ()))
+    notes = weight.notes if told else zeros.notes if quiet and not (gains.joints or zeros.joints) else ()
     return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise), notes)
 
 

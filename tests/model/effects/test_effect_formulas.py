@@ -456,3 +456,24 @@ def test_the_sign_of_velocity_is_sharp_where_instants_count() -> None:
     assert np.all(np.abs(scene.direction(0)[slow]) < 0.77)
     counted = slow & (np.abs(scene.motion.dtheta[:, 0]) > 4e-4)
     assert np.all(np.abs(sharp.direction(0)[counted]) > 0.999)
+
+
+def test_a_factor_is_on_the_model_and_on_what_is_beside_it_once(planar_scene: Scene) -> None:
+    row = EquationRow("motor", 1)
+    spring, friction = LIBRARY["link_spring"](1), LIBRARY["stribeck"](1, (0.1, 1.0))
+    mode = LIBRARY["flexible_mode"](1, (9.0, 0.02))
+    gain, other = LIBRARY["torque_gain"](1), LIBRARY["stribeck"](0, (0.1, 1.0))
+    found = (
+        (gain, np.array([0.1])), (spring, np.array([3.0, 1.0])), (friction, np.array([2.0])),
+        (mode, np.full(len(mode.amplitudes), 0.1)), (other, np.array([5.0])),
+    )  # fmt: skip
+    q, w = planar_scene.motion.q[:, 1], planar_scene.motion.dtheta[:, 1]
+    beside = 3.0 * q + 1.0 + 2.0 * np.tanh(w / 5e-3) * np.exp(-np.abs(w) / 0.1)
+    whole = planar_scene.predicted[:, 1] + beside
+    scene = replace(planar_scene, found=found, cache={})
+    np.testing.assert_allclose(gain.columns(scene)[row][0], whole, atol=1e-9)
+    # where the prediction holds the effects, the factor's own torque among them
+    full = np.array(planar_scene.predicted)
+    full[:, 1] = 1.1 * whole
+    scene = replace(planar_scene, predicted=full, alone=planar_scene.predicted, found=found, cache={})
+    np.testing.assert_allclose(gain.columns(scene)[row][0], whole, atol=1e-9)

@@ -30,6 +30,7 @@ class AsymmetricViscous(Effect):
         Parameter("difference", "N·m·s/rad", "half the difference between forward and backward viscous friction"),
     )
     example = {"difference": -0.3}
+    twins = ("torque_offset",)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the difference in the motor row."""

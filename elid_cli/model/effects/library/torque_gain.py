@@ -12,6 +12,10 @@ from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import Scene
 from elid_cli.robot.robot import Robot
 
+OWN = "motor", "link", "spring", "torque", "sensor"
+"""Places of effects that act at their own joint alone."""
+UNSCALED = "delay", "reading gain", "reading offset"
+"""Faults that are no torque of the motor."""
 LEAST = 0.015
 """Least gain error that is told from the errors of smoothing."""
 
@@ -73,13 +77,18 @@ class TorqueGain(Effect):
 
     def columns(self, scene: Scene) -> Columns:
         """Return the predicted torque in the motor row, with that of the effects that the model has beside it."""
-        return motor_row(self.joint, scene.predicted[:, self.joint] + self._beside(scene))
+        alone = scene.predicted if scene.alone is None else scene.alone
+        return motor_row(self.joint, alone[:, self.joint] + self._beside(scene))
 
     def _beside(self, scene: Scene) -> Array:
-        """Return what other effects add to the torque of this motor, (N,): the factor is on that as well."""
+        """Return what other effects add to the torque of this motor, (N,): the factor is on that as well.
+
+        Not those with a memory, whose state is found from what this column leaves.
+        """
         added = np.zeros(scene.samples)
         for effect, linear in scene.found:
-            if effect.of_drive == self.of_drive or effect.nuisance is not None:
+            elsewhere = effect.joint != self.joint and effect.place in OWN
+            if elsewhere or effect.memory or effect.of_drive == self.of_drive or effect.nuisance in UNSCALED:
                 continue
             for row, values in effect.columns(scene).items():
                 if row.joint == self.joint:
