@@ -59,8 +59,7 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
     if state.known is not None:  # a collocation holds the trajectory to the equations: its deflections are no noise
         found = assemble(DefaultFit(**vars(solved), covariance=state.known), options)
     else:
-        shaped = any(item.free for item in state.solved.effects.effects) if state.solved.effects else False
-        covariance = covariance_of(state.solved if shaped else replace(solved, nuisances=state.extras))
+        covariance = covariance_of(state.solved)  # shapes of effects and shares of rotors among what is unknown
         _, _, found = judged(DefaultFit(**vars(solved), covariance=covariance), options)
     whole = {"instants": log.observation.instants, "masked": [float(share) for share in log.observation.masked]}
     effects = tuple(FittedEffect(s.effect, s.joint, s.parameters, {}) for s in state.specs[:declared])

@@ -14,7 +14,7 @@ from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.regression.long_run import at_least
 from elid_cli.estimation.regression.nuisances import of_sampling
 from elid_cli.estimation.regression.other_shapes import beyond_filter, sentences
-from elid_cli.estimation.regression.standard_errors import by_stretches, freedom, told_rotors
+from elid_cli.estimation.regression.standard_errors import ROTOR_KNOWN, by_stretches, freedom, told_rotors
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, taken_over, with_pull
@@ -300,6 +300,8 @@ def _rotor_words(rotors: Mapping[int, tuple[float, float]], robot: Robot) -> lis
     said = []
     for joint, at_joint in rotors.items():
         name, ratio = robot.rotor_names[joint], robot.joints[joint].gear_ratio or 1.0
+        if not at_joint[1] < ROTOR_KNOWN * at_joint[0]:
+            continue  # the robot file's, about which the log says little
         inertia, error = (value / ratio**2 for value in at_joint)
         said.append(
             f"{name} is {inertia:.3g} ± {error:.1g} {'kg·m²' if robot.joints[joint].revolute else 'kg'} by what"

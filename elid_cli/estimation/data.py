@@ -18,7 +18,7 @@ from elid_cli.estimation.regression.effect_columns import FittedEffects, triangl
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.rotor_shares import FARTHEST, rotor_columns
+from elid_cli.estimation.regression.rotor_shares import FARTHEST, rotor_columns, rotor_prior, with_known_rotors
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness, TwoWays, two_ways
 from elid_cli.estimation.stretches import STRETCHES, stretch_of
@@ -225,8 +225,9 @@ class Solved:
         if not columns:
             return here
         extras = [extra for extra, _ in columns.values()]
-        wider = Solved.of(self.base, self.data, [*self.nuisances, *extras], self.effects)
-        shares = wider.solution.values[self.first_amplitude :]
+        wider = self.data.triangles([*self.nuisances, *extras], self.effects)
+        wider = with_known_rotors(wider, self.first_amplitude, *rotor_prior(self.effects.scene, columns))
+        shares = reweighted(wider, self.base.count + wider.extras).values[self.first_amplitude :]
         found = dict(here)
         for (joint, (_, most)), share in zip(columns.items(), shares.tolist(), strict=False):
             step = min(max(share, -FARTHEST), FARTHEST)  # effects that are not in the scene yet lead astray

@@ -228,7 +228,7 @@ class Identification(Shown):
     """Standard parameters of the robot as described that logs of this kind do not show, with the reason."""
     rotors: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     """Inertias at joints, kg·m² (kg), with standard errors, of rotors that friction under load tells apart from bodies,
-    where motion shows their sum alone; by joint."""
+    where motion shows their sum alone, or that it was fitted with as the robot file has them; by joint."""
     motor_side: MotorSide | None = None
     """Stiffnesses of joints whose links the log does not hold; its other parameters are those of rigid joints."""
 

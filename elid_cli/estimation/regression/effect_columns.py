@@ -111,8 +111,9 @@ def scene_of(
     open_rotors = _open_rotors(model, standard, np.flatnonzero(~springs)) | dict(rotors)
     of_rotors = _rotors_in_sums(model) if not springs.all() else {}
     for number, inertia in open_rotors.items():
-        ratio = robot.joints[number].gear_ratio or 1.0
-        of_rotors[number] = model.index[robot.rotor_names[number]], inertia / ratio**2
+        if number in rotors or number not in of_rotors:  # that of the file stands as it is, without rounding
+            ratio = robot.joints[number].gear_ratio or 1.0
+            of_rotors[number] = model.index[robot.rotor_names[number]], inertia / ratio**2
     predicted, link = _torques(model, played, standard, np.flatnonzero(~springs), of_rotors)
     load = np.empty((motion.samples, robot.n))
     load[:, ~springs] = link
@@ -192,7 +193,7 @@ def _torques(
     """Return predicted motor torque, (N, n), and the link's share of it (what passes the transmission) of some joints.
 
     The share is (N, k). Where a rotor's inertia shows only in sums with the bodies', which any representative of the
-    parameters divides as it likes, the rotor is the robot file's, as far as that knows it, or the one told.
+    parameters divides as it likes, the rotor is the one told.
     """
     plan, n, motion = model.estimation, model.robot.n, played.motion
     program, place = plan.program.distinct
@@ -230,13 +231,14 @@ def _rotors_in_sums(model: Regressor) -> dict[int, tuple[int, float]]:
 
 
 def _open_rotors(model: Regressor, standard: Array, joints: NDArray[np.intp]) -> dict[int, float]:
-    """Return the inertias at some joints that rotors have here, though motion shows only sums, and the file nothing."""
+    """Return the inertias at some joints where motion shows only sums: the robot file's, or else what is here."""
     base, reference, found = find_base(model), model.robot.reference(), dict[int, float]()
     for joint in joints.tolist():
         name = model.robot.rotor_names[joint]
         column = model.index.get(name)
-        if column is not None and base.classes.get(name) == "combined" and not reference[column] > 0:
-            found[joint] = float(standard[column]) * (model.robot.joints[joint].gear_ratio or 1.0) ** 2
+        if column is not None and base.classes.get(name) == "combined":
+            own = reference[column] if reference[column] > 0 else standard[column]
+            found[joint] = float(own) * (model.robot.joints[joint].gear_ratio or 1.0) ** 2
     return found
 
 

@@ -19,7 +19,7 @@ from elid_cli.estimation.regression.covariance import sandwich
 from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_columns
 from elid_cli.estimation.regression.least_squares import solve
 from elid_cli.estimation.regression.long_run import at_least
-from elid_cli.estimation.regression.rotor_shares import rotor_columns
+from elid_cli.estimation.regression.rotor_shares import rotor_columns, rotor_prior
 from elid_cli.estimation.regression.standard_errors import few, with_prior
 from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.model.effects.declared import Declared
@@ -54,11 +54,13 @@ def beside_held(fit: Solved, covariance: Array, held: HeldErrors) -> Array:
         return covariance
     amplitudes, width, basis = fit.amplitudes(), fit.triangles.width, fit.solution.basis
     shapes = shape_columns(fit.effects, fit.signals, amplitudes)
-    rotors = [extra for extra, _ in rotor_columns(fit.effects, fit.signals, amplitudes).values()]
+    told = rotor_columns(fit.effects, fit.signals, amplitudes)
+    rotors = [extra for extra, _ in told.values()]
     extras = [*fit.extras, *shapes, *rotors]
     fixed = np.concatenate([fit.first_amplitude + _held(fit.effects.effects), width + np.arange(len(shapes))])
     own = np.concatenate([basis[~np.isin(basis, fixed)], width + len(shapes) + np.arange(len(rotors))])
-    precision = np.concatenate([np.zeros(len(shapes)), np.full(len(rotors), 1.0 / SHAPE_SPREAD)])
+    known = np.maximum(rotor_prior(fit.effects.scene, told)[1], 1.0 / SHAPE_SPREAD)
+    precision = np.concatenate([np.zeros(len(shapes)), known])
     triangles = with_prior(to_triangles(fit.observation, extras), replace(fit.triangles, prior=None), precision)
     alone = solve(triangles, fit.solution.weights, basis=own.astype(np.intp))
     if len(alone.basis) < len(own):
@@ -71,8 +73,8 @@ def beside_held(fit: Solved, covariance: Array, held: HeldErrors) -> Array:
     # of the columns in the order that they have here: those of the rest, then those that are held
     order = {int(column): k for k, column in enumerate([*alone.basis, *fixed])}
     slopes = -alone.inverse @ ((system[:, alone.basis] @ alone.inverse).T @ system[:, fixed])
-    told = np.concatenate([slopes, np.eye(len(fixed))])
-    found = told @ spread @ told.T
+    moved = np.concatenate([slopes, np.eye(len(fixed))])
+    found = moved @ spread @ moved.T
     found[: len(given), : len(given)] += given * few(fit.data.facts, fit.triangles, len(basis)) ** 2
     kept = [order[int(column)] for column in basis]
     # where the log says more than what they are held to, the fit has its own values of them, and errors

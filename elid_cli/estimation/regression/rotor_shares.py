@@ -2,7 +2,8 @@
 
 Of a joint that stands first in a chain, or turns about the same axis as the one before it, motion shows rotor and
 bodies together only. What the gear transmits is what the bodies need, without the rotor; so friction under load tells
-the two apart, and is wrong where they are divided as it happens.
+the two apart, and is wrong where they are divided as it happens. A rotor of the robot file is where that begins, and
+counts for as much as the log leaves open.
 """
 
 from __future__ import annotations
@@ -14,13 +15,15 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
-from elid_cli.estimation.regression.triangles import ExtraColumns
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.model.effects.scene import Scene
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
 FARTHEST = 0.25
 """Share of the largest inertia by which a rotor's changes at once."""
+SPREAD = 0.5
+"""Standard deviation of a rotor's inertia about that of the robot file, a part of it: a reference, often 30 % off."""
 _STEP = 1e-3
 """Step of the columns' differences, share of the largest inertia."""
 _ROUNDING = 1e-9
@@ -56,6 +59,35 @@ def rotor_columns(
         if rows:
             found[joint] = ExtraColumns("rotor in load", rows, ("",)), most  # type: ignore[arg-type]
     return found
+
+
+def rotor_prior(scene: Scene, columns: Mapping[int, tuple[ExtraColumns, float]]) -> tuple[Array, Array]:
+    """Return where rotors' shares are by the robot file, and one over their spread, (k,) each; 0 where it has none.
+
+    Parameters
+    ----------
+    scene
+        The scene that the columns are of.
+    columns
+        Columns and inertias as `rotor_columns` returns them.
+    """
+    robot, reference = scene.robot, scene.robot.reference()
+    names = robot.parameter_names()
+    where, precision = np.zeros((2, len(columns)))
+    for k, (joint, (_, most)) in enumerate(columns.items()):
+        told = float(reference[names.index(robot.rotor_names[joint])]) * (robot.joints[joint].gear_ratio or 1.0) ** 2
+        if told > 0:
+            where[k], precision[k] = (told - scene.rotors[joint]) / most, most / (SPREAD * told)
+    return where, precision
+
+
+def with_known_rotors(triangles: Triangles, first: int, where: Array, precision: Array) -> Triangles:
+    """Return triangles with what is known of rotors' shares, whose columns stand from `first` on."""
+    told = np.zeros((len(where), triangles.width + 1))
+    told[np.arange(len(where)), first + np.arange(len(where))] = precision
+    told[:, -1] = precision * where
+    own = np.zeros((0, triangles.width + 1)) if triangles.prior is None else triangles.prior
+    return replace(triangles, prior=np.concatenate([own, told[precision > 0]]))
 
 
 def _largest(scene: Scene, joint: int) -> float:

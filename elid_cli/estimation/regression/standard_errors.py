@@ -14,7 +14,7 @@ from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_col
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.regression.normal_equations import jackknife
-from elid_cli.estimation.regression.rotor_shares import rotor_columns
+from elid_cli.estimation.regression.rotor_shares import rotor_columns, rotor_prior
 from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 
 SHORT = 400.0
@@ -68,13 +68,14 @@ def covariance_with_shapes(fit: Solved) -> Array | None:
     if fit.effects is None or fit.data.samples is None:
         return None
     shapes = shape_columns(fit.effects, fit.signals, fit.amplitudes())
-    shapes += [extra for extra, _ in rotor_columns(fit.effects, fit.signals, fit.amplitudes()).values()]
+    rotors = rotor_columns(fit.effects, fit.signals, fit.amplitudes())
+    precision = np.full(len(shapes) + len(rotors), 1.0 / SHAPE_SPREAD)
+    precision[len(shapes) :] = np.maximum(precision[len(shapes) :], rotor_prior(fit.effects.scene, rotors)[1])
+    shapes += [extra for extra, _ in rotors.values()]
     if not shapes:
         return None
     extras = [*fit.extras, *shapes]
-    extended = with_prior(
-        to_triangles(fit.observation, extras), fit.triangles, np.full(len(shapes), 1.0 / SHAPE_SPREAD)
-    )
+    extended = with_prior(to_triangles(fit.observation, extras), fit.triangles, precision)
     basis = np.concatenate([fit.solution.basis, fit.triangles.width + np.arange(len(shapes))]).astype(np.intp)
     wider = solve(extended, fit.solution.weights, basis=basis)
     whole = sandwich(fit.observation, wider, extras)
@@ -84,9 +85,10 @@ def covariance_with_shapes(fit: Solved) -> Array | None:
 
 
 def told_rotors(fit: Solved) -> dict[int, tuple[float, float]]:
-    """Return inertia and standard error, kg·m² (kg) at joints, of rotors that friction under load tells, by joint.
+    """Return inertia and standard error, kg·m² (kg) at joints, of rotors beside friction under load, by joint.
 
-    Of one that it tells no better than `ROTOR_KNOWN` nothing is said: such friction may be small.
+    Those that it tells, and those that it took from the robot file. Of one that the file does not give, and that it
+    tells no better than `ROTOR_KNOWN`, nothing is said: such friction may be small.
     """
     if fit.effects is None or fit.data.samples is None or not fit.effects.scene.rotors:
         return {}
@@ -95,11 +97,11 @@ def told_rotors(fit: Solved) -> dict[int, tuple[float, float]]:
     if whole is None:
         return {}
     shares = np.sqrt(np.maximum(np.diag(whole)[-len(columns) :], 0.0)).tolist()
-    here = fit.effects.scene.rotors
+    here, (_, known) = fit.effects.scene.rotors, rotor_prior(fit.effects.scene, columns)
     return {
         joint: (here[joint], share * most)
-        for (joint, (_, most)), share in zip(columns.items(), shares, strict=True)
-        if share * most < ROTOR_KNOWN * here[joint]
+        for (joint, (_, most)), share, own in zip(columns.items(), shares, known.tolist(), strict=True)
+        if own > 0 or share * most < ROTOR_KNOWN * here[joint]
     }
 
 

@@ -58,7 +58,7 @@ class Scene:
     """Transmission stiffness as far as known, shape (n,); NaN where unknown or rigid."""
     rotors: Mapping[int, float] = field(default_factory=dict)
     """Inertia at the joint, kg·m² (kg), that `load` leaves to the rotor of a rigid joint, where motion shows rotor and
-    bodies in sums only and the robot file does not know the rotor."""
+    bodies in sums only: the robot file's, which is a reference, or what friction under load tells."""
     with_bodies: Mapping[int, float] = field(default_factory=dict)
     """Inertia at the joint, kg·m² (kg), that `parameters` count to the bodies and `load` leaves to the rotor."""
     cutoff: float = np.inf
