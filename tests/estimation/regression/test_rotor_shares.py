@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis.diagnose import diagnose
-from elid_cli.diagnosis.refit import published
+from elid_cli.diagnosis.evidence.held_out import held_out_triangles
+from elid_cli.diagnosis.refit import contributions, published
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.refined_robot import identified_robot
@@ -122,6 +123,10 @@ def test_a_wrong_rotor_of_the_file_does_not_bend_what_is_found() -> None:
     assert isinstance(found, Diagnosis)
     is_told(found, told_rotors(found.state_after.solved), arm)
     is_right(published(found, signals).after, arm.described())
+    (told,), state = contributions(found), found.state_after
+    (row,) = state.columns[0].rows
+    # written with another rotor than it was fitted with, the robot predicted worse than its own fit
+    assert told.with_it == pytest.approx(held_out_triangles(state).rms(state.solution.values, row), rel=0.05)
 
 
 def test_friction_that_tells_no_rotor_leaves_that_of_the_file() -> None:
