@@ -10,7 +10,7 @@ from elid_cli._types import Progress
 from elid_cli.checks import check_fields, flag, names, options_given, whole, word
 from elid_cli.diagnosis.by_motion.able import by_motion
 from elid_cli.diagnosis.evidence.driving_friction import impossible_with
-from elid_cli.diagnosis.evidence.held_out import held_out_gain
+from elid_cli.diagnosis.evidence.held_out import held_out_gain, still_helping
 from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
@@ -240,7 +240,7 @@ def _by_torque(
         progress("finishing; Ctrl-C again stops at once", 0.0)
     searched = with_rounding_that_fits(retimed(searched, len(declared)), len(declared))
     found, refuted = _surviving(searched, len(declared))
-    known = len(declared) + found.kept
+    known, survived = len(declared) + found.kept, found.after
     if not found.partial:
         found = with_one_for_two(found, known, library)
         found, harmful = helpful_there(found, known, lambda: usual or as_usual(robot, signals))
@@ -248,6 +248,7 @@ def _by_torque(
         found = with_absorbed(found, library)
     found = by_known_values(found, known)
     found = with_channel_faults(found, options.only or effect_classes())
+    found = still_helping(found, known, survived)
     if not found.partial:
         try:
             found = with_whole_curves(found, known, progress, asked=options.accurate)

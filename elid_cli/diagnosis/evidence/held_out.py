@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.search.acceptance import touched
+from elid_cli.diagnosis.search.steps import Found, dropped
 from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 from elid_cli.model.regressor import EstimationRow
 
@@ -30,3 +32,31 @@ def held_out_share(lacking: State, state: State, rows: Sequence[EstimationRow]) 
     before = sum(weight[r] * t.squares(lacking.solution.values) for r in rows for t in outside.of(r))
     after = sum(weight[r] * t.squares(state.solution.values) for r in rows for t in inside.of(r))
     return 1.0 - after / before if before > 0 else 0.0
+
+
+def still_helping(found: Found, declared: int, judged: State) -> Found:
+    """Return the outcome without effects that held-out stretches are predicted no worse without.
+
+    They were supported when they were judged, but what was found since can leave nothing of them. What acts for a
+    moment need not show there, and what parameters absorb shows there too little.
+
+    Parameters
+    ----------
+    found
+        What was found.
+    declared
+        How many of its effects, the first ones, have no step.
+    judged
+        The model in which every effect was judged last: nothing is asked where it stands.
+    """
+    asking = found.after is not judged
+    while asking:
+        asked = [k for k, step in enumerate(found.steps) if not (step.candidate.effect.local or step.absorbed)]
+        gains = {k: held_out_gain(found.after, declared + k) for k in asked}
+        worst = min(asked, key=lambda k: gains[k], default=None)
+        asking = worst is not None and gains[worst] <= 0
+        if worst is not None and asking:
+            gone = found.steps[worst].candidate
+            state, steps = dropped(found.after, found.steps, declared, worst)
+            found = replace(found, after=state, steps=tuple(steps), remaining=(gone, *found.remaining))
+    return found
