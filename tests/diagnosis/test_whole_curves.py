@@ -1,6 +1,7 @@
 """Friction curves of two terms: the term that hides under the noise is told by collocation, and only where it is."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -119,3 +120,23 @@ def test_a_curve_of_one_term_stays_one(looked_at: bool, monkeypatch: pytest.Monk
     assert effect.parameters["exponent"] == 1.0
     assert effect.parameters["velocity"] == pytest.approx(velocity, rel=0.05)
     assert effect.parameters["amplitude"] == pytest.approx(0.8 * friction, rel=0.05)
+
+
+@pytest.mark.parametrize(("left", "tried"), [(0.66, 1), (0.4, 3)])
+def test_other_curves_are_tried_where_the_usual_ones_take_a_good_part(
+    left: float, tried: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What curves at every joint leave as it was is no friction, and every further trial takes long."""
+    asked: list[dict[int, Any]] = []
+
+    def found(state: object, curves: dict[int, Any], *rest: object) -> Any:
+        asked.append(curves)
+        return SimpleNamespace(excess=left, training=1.0)
+
+    monkeypatch.setattr(whole_curves, "_completed", lambda state, curves: (curves,))
+    monkeypatch.setattr(whole_curves, "collocated", found)
+    alone: Any = SimpleNamespace(excess=0.67)
+    curves: Any = {0: ("exponential", "Gaussian"), -2: ("exponential", "Gaussian")}
+    state: Any = None
+    whole_curves._best(state, alone, curves, lambda part: None)
+    assert len(asked) == tried

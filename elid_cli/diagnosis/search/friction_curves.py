@@ -34,7 +34,9 @@ OBEYED = 0.03
 """The same that terms alone may leave to be all there is."""
 FAR_OFF, HOPELESS = 5.0, 1.0
 """The same of the terms alone, and with a whole curve at every joint, from which on other forms need not be tried: what
-the log lacks is something else, or its jumps are too sharp for the splines."""
+the log lacks is something else, or its jumps are too sharp for the splines …"""
+HARDLY = 0.9
+"""… or they leave more than this part of what the terms alone leave beyond noise: it is no friction of these joints."""
 NET = 60.0
 """Gain in log-likelihood that the whole curve needs on the held-out stretches."""
 SHOWN = 5.0
@@ -86,7 +88,7 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
             told = _told(found, alone, whole, kept)
             if not _harms(told.after, found.after):
                 return told
-        if whole is not None and whole.excess > HOPELESS:
+        if whole is not None and _hopeless(whole, alone):
             break
     return found
 
@@ -136,7 +138,7 @@ def _best(
     whole = collocated(state, *_completed(state, kept), alone)
     others = [(k, shape) for k, shapes in curves.items() for shape in shapes[1:]]
     for number, (k, shape) in enumerate(others):
-        if whole is not None and (_within(whole, alone) or whole.excess > HOPELESS):
+        if whole is not None and (_within(whole, alone) or _hopeless(whole, alone)):
             break
         tell((number + 1) / (len(others) + 1))
         trial = collocated(state, *_completed(state, {**kept, k: shape}), alone)
@@ -148,6 +150,11 @@ def _best(
 def _within(whole: Collocated, alone: Collocated) -> bool:
     """Whether whole curves let the training stretches obey the model to within their noise."""
     return whole.excess <= max(WITHIN_NOISE, min(NEARLY, REST * alone.excess))
+
+
+def _hopeless(whole: Collocated, alone: Collocated) -> bool:
+    """Whether whole curves leave so much that other forms of them, or fewer, need not be tried."""
+    return not _within(whole, alone) and whole.excess > min(HOPELESS, HARDLY * alone.excess)
 
 
 def _completed(state: State, curves: Mapping[int, Shapes]) -> tuple[list[Effect], list[EffectSpec]]:
