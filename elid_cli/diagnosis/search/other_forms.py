@@ -7,23 +7,27 @@ within the noise. What the forms make of the other parameters differs by far mor
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
+from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.result import OtherForm
+from elid_cli.diagnosis.search.acceptance import left_behind
 from elid_cli.diagnosis.search.candidate import Candidate
+from elid_cli.diagnosis.search.forward import with_refined_shapes
+from elid_cli.diagnosis.search.refitted_forms import fits_as_well, in_form, refitted
 from elid_cli.diagnosis.search.screening import form_of, refined, score, sensible
 from elid_cli.diagnosis.search.steps import Found
-from elid_cli.model.effects.effect import Effect
 
 ALIKE = 6.0
 """Log-likelihood by which another form may explain a log worse and still be told …"""
 PART = 0.04
 """… or by this part of what the effect gains: motion near standstill, where forms differ, is the least well known."""
+NEAR = 0.25
+"""Part of what the effect gains up to which forms of friction are fitted, which may fit better than they score."""
 USUAL = 2.0
 """Log-likelihood up to which a more usual form is named instead."""
 MOVED = 2.0
@@ -47,17 +51,12 @@ def with_usual_forms(found: Found, declared: int) -> Found:
         own, others = _forms(state, number)
         if own is None:
             continue
-        order = _order(state, number)
-        place = order.index(form_of(own.effect))
-        usual = [c for c in others if order.index(form_of(c.effect)) < place and _behind(own, c) < USUAL]
-        if not usual:
-            continue
-        chosen = min(usual, key=lambda c: order.index(form_of(c.effect)))
-        other = _in_form(state, number, chosen.effect)
-        if sensible(other.effects[number], other.scene, other.named(number)):
-            state = other
+        chosen = _usual(state, number, own, others)
+        if chosen is not None:
+            form, other = chosen
+            state = with_refined_shapes(other, declared)
             step = steps[number - declared]
-            steps[number - declared] = replace(step, candidate=replace(chosen, choice=step.candidate.choice))
+            steps[number - declared] = replace(step, candidate=replace(form, choice=step.candidate.choice))
     return found if state is found.after else replace(found, after=state, steps=tuple(steps))
 
 
@@ -69,16 +68,48 @@ def other_forms(found: Found, declared: int) -> dict[int, tuple[OtherForm, ...]]
         if own is None:
             continue
         alike = max(ALIKE, PART * own.gain.likelihood)
-        near = sorted((c for c in others if _behind(own, c) < alike), key=lambda c: _behind(own, c))
+        near = [(form, *at) for form in others if (at := _near(state, number, own, form, alike)) is not None]
         forms = [
-            _told(state, other, number, _behind(own, c))
-            for c in near
-            for other in (_in_form(state, number, c.effect),)
+            _told(state, other, number, behind)
+            for _, other, behind in sorted(near, key=lambda item: item[2])
             if sensible(other.effects[number], other.scene, other.named(number))
         ]
         if forms:
             told[number] = tuple(forms)
     return told
+
+
+def _usual(state: State, number: int, own: Candidate, others: Sequence[Candidate]) -> tuple[Candidate, State] | None:
+    """Return the most usual form that explains the log as well as an effect's own, with the model in it; None: none."""
+    order = _order(state, number)
+    place = order.index(form_of(own.effect))
+    usual = [c for c in others if order.index(form_of(c.effect)) < place]
+    for form in sorted(usual, key=lambda c: order.index(form_of(c.effect))):
+        if _behind(own, form) < USUAL:
+            other = in_form(state, number, form.effect)
+            if sensible(other.effects[number], other.scene, other.named(number)):
+                return form, other
+            continue
+        fitted = _fitted(state, number, own, form)
+        if fitted is not None and fits_as_well(state, fitted, number, USUAL):
+            return form, fitted
+    return None
+
+
+def _near(state: State, number: int, own: Candidate, form: Candidate, alike: float) -> tuple[State, float] | None:
+    """Return the model in another form, and how far it is behind, where that is less than `alike`, fitted or scored."""
+    scored = _behind(own, form)
+    fitted = _fitted(state, number, own, form)
+    if fitted is not None and (behind := left_behind(state, fitted)) < alike:
+        return fitted, min(scored, behind)
+    return (in_form(state, number, form.effect), scored) if scored < alike else None
+
+
+def _fitted(state: State, number: int, own: Candidate, form: Candidate) -> State | None:
+    """Return the model in another form of a friction as it fits best, where that may be worth it."""
+    if not type(form.effect).usual_first or _behind(own, form) > max(ALIKE, NEAR * own.gain.likelihood):
+        return None
+    return refitted(state, number, form.effect)
 
 
 def _chosen(found: Found, declared: int) -> Iterator[int]:
@@ -121,12 +152,6 @@ def _behind(own: Candidate, other: Candidate) -> float:
     """Return by how much log-likelihood a form explains the log worse than the one that was found."""
     best = max(own, other, key=lambda c: c.gain.whole)
     return (own.gain.whole - other.gain.whole) * best.gain.share
-
-
-def _in_form(state: State, number: int, effect: Effect) -> State:
-    """Return the model with an effect in another form."""
-    effects = [*state.effects[:number], effect, *state.effects[number + 1 :]]
-    return refreshed(fit(state.log, effects, state.scene, but=state.but))
 
 
 def _told(state: State, other: State, number: int, behind: float) -> OtherForm:
