@@ -50,12 +50,14 @@ def steps_to(at_joint: dict[str, Candidate], *names: str) -> list[Step]:
 
 def test_two_effects_of_a_joint_are_accepted_together(lacking: tuple[State, dict[str, Candidate]]) -> None:
     state, at_joint = lacking
+    friction = 0.5 * make(3, 2, rate=RATE, duration=12.0).truth.joints[JOINT].parameters["fs"]
     found = worth_together(state, steps_to(at_joint, "asymmetric_coulomb", "stribeck", "cubic_stiffness"))
     assert found is not None
     grown, steps = found
     assert {step.candidate.effect.name for step in steps} == {"cubic_stiffness", "stribeck"}
     values = {effect.name: grown.named(k) for k, effect in enumerate(grown.effects)}
-    assert all(np.isfinite(value) for told in values.values() for value in told.values())
+    assert values["cubic_stiffness"]["cubic"] > 0
+    assert values["stribeck"]["amplitude"] == pytest.approx(friction, rel=0.2)
 
 
 def test_an_effect_that_is_not_needed_comes_with_no_other(lacking: tuple[State, dict[str, Candidate]]) -> None:

@@ -13,6 +13,7 @@ class AsymmetricViscous(Effect):
     """The part of viscous friction that does not change sign with the direction of motion."""
 
     name = "asymmetric_viscous"
+    title = "asymmetric viscous friction"
     summary = "viscous friction that differs between the two directions"
     equation = "motor equation: difference |θ'|"
     physics = (
