@@ -28,8 +28,10 @@ from elid_cli.model.regressor import EstimationRow
 
 TWIN_TAKES = 0.98
 """Part of what a fault takes from left-out folds that a twin must take in its place, to be as possible."""
-LEAVES = 1.05
-"""Left-out error of any one row, over that with the fault, from which a twin is not as possible."""
+LEAVES = 1.15
+"""Left-out error of any one row, over that with the fault, from which a twin is not as possible. Noise blurs the sign
+of a velocity at reversals: on 24 simulated logs friction that differs between directions, the truth, was worse than an
+offset by up to 8 % in one row; the wrong twins of 24 offsets were the same ones with 1.05."""
 SHORT = 1.05
 """Samples up to which a delay is one of the sampling, which every log has, and no effect."""
 
