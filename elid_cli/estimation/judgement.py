@@ -94,6 +94,22 @@ class Insufficient:
 
 
 @dataclass(frozen=True)
+class NotExcluded:
+    """A fault or a missing torque that a log would show from some size on only."""
+
+    effect: str
+    joint: str
+    """Where; of a tilt of the base the first joint."""
+    parameter: str
+    """Its amplitude."""
+    up_to: float
+    """Size up to which it would not be told."""
+    unit: str
+    moves: float
+    """By how many of its standard errors some base parameter is off with one of that size."""
+
+
+@dataclass(frozen=True)
 class ColumnNoise:
     """What noise of the positions is in the columns of a row."""
 
@@ -119,6 +135,8 @@ class Judgement:
     """What the other parameters may have taken up, in sentences."""
     misfitted: tuple[Insufficient, ...] = ()
     """Rows of a described robot whose residual follows the motion as other values of its parameters would."""
+    not_excluded: tuple[NotExcluded, ...] = ()
+    """What other parameters would take up without a sign, from the one that moves them most."""
 
     @property
     def model(self) -> ModelWord:
@@ -137,6 +155,17 @@ def without_chance(told: Sequence[Judgement]) -> list[Judgement]:
         replace(one, notes=(), biased=np.zeros_like(one.biased)) if unsure else one
         for one, unsure in zip(told, likely, strict=True)
     ]
+
+
+def joined_bounds(told: Sequence[Judgement]) -> tuple[NotExcluded, ...]:
+    """Return what none of several logs excludes: up to the smallest size, as each of them would show it."""
+    kept: dict[tuple[str, str, str], NotExcluded] = {}
+    for item in (item for one in told for item in one.not_excluded):
+        key = item.effect, item.joint, item.parameter
+        kept[key] = min(item, kept.get(key, item), key=lambda i: i.up_to)
+    shown_by = [{(i.effect, i.joint, i.parameter) for i in one.not_excluded} for one in told]
+    everywhere = [item for key, item in kept.items() if all(key in keys for keys in shown_by)]
+    return tuple(sorted(everywhere, key=lambda item: -item.moves))
 
 
 def joined_noise(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:

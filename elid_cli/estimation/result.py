@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.checks import check_fields, flag, number, optional, several, whole, word
 from elid_cli.errors import UsageError
-from elid_cli.estimation.judgement import Insufficient, JointError, ModelWord, RowNoise
+from elid_cli.estimation.judgement import Insufficient, JointError, ModelWord, NotExcluded, RowNoise
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
@@ -218,6 +218,8 @@ class Identification(Shown):
     noise: tuple[RowNoise, ...] = ()
     insufficient: tuple[Insufficient, ...] = ()
     """The rows that make the model insufficient."""
+    not_excluded: tuple[NotExcluded, ...] = ()
+    """What other parameters would take up without a sign."""
     published: Mapping[str, JointError] = field(default_factory=dict)
     """Of a diagnosis: the held-out error at identification's cut-off, where the parameters are from."""
     drive_gains: tuple[DriveGain, ...] = ()

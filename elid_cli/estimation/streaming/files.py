@@ -27,7 +27,7 @@ from elid_cli.checks import of_kind, several
 from elid_cli.checks import path as file_name
 from elid_cli.errors import LogError
 from elid_cli.estimation.facts import SignalFacts
-from elid_cli.estimation.judgement import ColumnNoise, Insufficient, Judgement, RowNoise
+from elid_cli.estimation.judgement import ColumnNoise, Insufficient, Judgement, NotExcluded, RowNoise
 from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.stiffness.links import LinkSystem
 from elid_cli.estimation.streaming.believed import check_reduced, need
@@ -185,7 +185,7 @@ def _told(said: Judgement | None) -> dict[str, Any] | None:
     """Return a judgement as JSON values."""
     if said is None:
         return None
-    lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient")}
+    lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient", "not_excluded")}
     return {**lists, "biased": said.biased.tolist(), "notes": list(said.notes)}
 
 
@@ -199,9 +199,11 @@ def _heard(told: dict[str, Any] | None, joints: Sequence[str], columns: tuple[Co
     need(all(j in joints and r in ROWS and np.isfinite(x) for j, r, x in places), "it judges no row of it")
     need(all(0 <= i.floor < np.inf and 0 <= i.correlation < np.inf for i in noise), "its noise is no number")
     need(all(isinstance(i.follows, str) and np.isfinite(i.share) for i in lacking), "it follows nothing")
+    bounds = tuple(NotExcluded(**item) for item in told.get("not_excluded", ()))
+    need(all(i.joint in joints and 0 <= i.up_to < np.inf and 0 <= i.moves < np.inf for i in bounds), "its bounds")
     notes = tuple(told.get("notes", ()))
     need(all(isinstance(note, str) for note in notes), "a note of it is no text")
-    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), columns, notes)
+    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), columns, notes, (), bounds)
 
 
 def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:

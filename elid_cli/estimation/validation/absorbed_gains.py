@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.judgement import NotExcluded
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.estimation.validation.size_beside import askable, size_beside
+from elid_cli.estimation.validation.size_beside import askable, bound_of, size_beside
+from elid_cli.model.effects import effect_that
 from elid_cli.model.regressor import EstimationRow
 
 SURE, NOISY = 5.0, 1.4
@@ -38,6 +40,8 @@ class AbsorbedGains(NamedTuple):
     """Base parameters that they move, (b,)."""
     sure: float = 0.0
     """Standard errors by which the surest differs from 0."""
+    bounds: tuple[NotExcluded, ...] = ()
+    """Up to which sizes the others would not show."""
 
 
 def absorbed_gains(
@@ -63,17 +67,21 @@ def absorbed_gains(
     if len(extras) < 2:  # a factor common to all scales every parameter
         return none
     least = SURE * (NOISY if fit.model.robot.elastic.any() else 1.0)
-    found: dict[int, tuple[float, float, NDArray[np.bool_]]] = {}
+    kind = effect_that(of_drive="gain")
+    found, bounds = dict[int, tuple[float, float, NDArray[np.bool_]]](), list[NotExcluded]()
     for joint, extra in extras.items():
         judged = [row for row in quiet if row.joint == joint or row not in lacking]
         asked = size_beside(fit, extra, {row: quiet[row] for row in judged})
         if asked is not None:
             found[joint] = float(asked.values[0]), asked.sure, asked.moved
+            bound = bound_of(fit, kind(joint), extra, asked, least)
+            if bound and asked.sure <= least and bound.up_to > LEAST:
+                bounds.append(bound)
     sure = {k: item for k, item in found.items() if item[1] > least and abs(item[0]) > LEAST}
     most = max((item[1] for item in sure.values()), default=0.0)
     told = sorted((k for k, item in sure.items() if item[1] >= AS_WELL * most), key=lambda k: -sure[k][1])
     moved = np.any([none.moved, *(sure[k][2] for k in told)], axis=0)
-    return AbsorbedGains(tuple(told), moved, most)
+    return AbsorbedGains(tuple(told), moved, most, tuple(bounds))
 
 
 def _columns(fit: DefaultFit) -> dict[int, ExtraColumns]:

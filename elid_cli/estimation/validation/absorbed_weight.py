@@ -14,8 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.judgement import NotExcluded
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.size_beside import MOVED, TAKEN_UP, Size, askable, size_beside, size_in_words
+from elid_cli.estimation.validation.size_beside import (
+    MOVED,
+    TAKEN_UP,
+    Size,
+    askable,
+    bound_of,
+    size_beside,
+    size_in_words,
+)
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
@@ -42,6 +51,8 @@ class AbsorbedWeight(NamedTuple):
     """Base parameters that they move, (b,)."""
     notes: tuple[str, ...]
     """What there is, and how large, a sentence for every joint."""
+    bounds: tuple[NotExcluded, ...] = ()
+    """Up to which sizes the others would not show."""
 
 
 def absorbed_weight(
@@ -59,6 +70,7 @@ def absorbed_weight(
         Rows that lack something, and need not come down to noise by such an effect.
     """
     moved, found = np.zeros(fit.base.count, dtype=bool), list[tuple[float, Effect, Size]]()
+    bounds: list[NotExcluded] = []
     if not askable(fit):
         return AbsorbedWeight((), 0.0, moved, ())
     scene, robot = scene_of(fit.model, fit.signals, fit.standard), fit.model.robot
@@ -66,14 +78,17 @@ def absorbed_weight(
     kinds = [kind for kind in effect_classes().values() if kind.like_weight]
     able = (kind(k) for kind in kinds for k in range(robot.n) if kind.applies(robot, k))
     for effect in (effect for effect in able if not (fit.effects and fit.effects.has(effect))):
-        asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
+        extra = extra_of(effect, scene, fit.signals)
+        asked = size_beside(fit, extra, judged)
+        if asked and asked.sure <= LIKELY and (bound := bound_of(fit, effect, extra, asked, LIKELY)):
+            bounds.append(bound)
         if asked is not None and _seen(asked) and _can_be(effect, scene, asked):
             found.append((asked.sure, effect, asked))
     most = max((sure for sure, *_ in found), default=0.0)
     found = sorted((item for item in found if item[0] >= AS_WELL * most), key=lambda item: -item[0])
     joints = dict.fromkeys(effect.joint for sure, effect, _ in found if sure > SURE)
     moved = np.any([moved, *(asked.loose > MOVED for *_, asked in found)], axis=0)
-    return AbsorbedWeight(tuple(joints), most, moved, tuple(_words(fit, *item) for item in found))
+    return AbsorbedWeight(tuple(joints), most, moved, tuple(_words(fit, *item) for item in found), tuple(bounds))
 
 
 def _seen(asked: Size) -> bool:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.judgement import NotExcluded
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.validation.size_beside import TAKEN_UP, Size, askable, size_beside, size_in_words
+from elid_cli.estimation.validation.size_beside import TAKEN_UP, Size, askable, bound_of, size_beside, size_in_words
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
@@ -41,6 +42,8 @@ class AbsorbedZeros(NamedTuple):
     """Standard errors by which the surest differs from 0."""
     notes: tuple[str, ...] = ()
     """Of each that is likely, what it may be and what it moves."""
+    bounds: tuple[NotExcluded, ...] = ()
+    """Up to which sizes the others would not show."""
 
 
 def absorbed_zeros(
@@ -57,7 +60,8 @@ def absorbed_zeros(
     lacking
         Rows that lack something, and need not come down to noise by a zero.
     """
-    moved, found, notes = np.zeros(fit.base.count, dtype=bool), dict[int, float](), list[str]()
+    moved, found = np.zeros(fit.base.count, dtype=bool), dict[int, float]()
+    notes, bounds = list[str](), list[NotExcluded]()
     if not askable(fit):
         return AbsorbedZeros((), moved)
     elastic = bool(fit.model.robot.elastic.any())
@@ -65,8 +69,13 @@ def absorbed_zeros(
     scene = scene_of(fit.model, fit.signals, fit.standard)
     judged = {row: quiet[row] for row in quiet if row not in lacking}
     for effect in (effect for effect in _asked(fit) if not (fit.effects and fit.effects.has(effect))):
-        asked = size_beside(fit, extra_of(effect, scene, fit.signals), judged)
-        if asked is None or not asked.moved.any():
+        extra = extra_of(effect, scene, fit.signals)
+        asked = size_beside(fit, extra, judged)
+        if asked is None:
+            continue
+        if asked.sure <= likely and (bound := bound_of(fit, effect, extra, asked, likely)):
+            bounds.append(bound)
+        if not asked.moved.any():
             continue
         if asked.sure > least:
             found[effect.joint] = max(asked.sure, found.get(effect.joint, 0.0))
@@ -75,7 +84,7 @@ def absorbed_zeros(
             moved |= asked.moved
             notes.append(_words(fit, effect, asked))
     joints = tuple(sorted(found, key=lambda k: -found[k]))
-    return AbsorbedZeros(joints, moved, max(found.values(), default=0.0), tuple(notes))
+    return AbsorbedZeros(joints, moved, max(found.values(), default=0.0), tuple(notes), tuple(bounds))
 
 
 def _words(fit: DefaultFit, effect: Effect, asked: Size) -> str:

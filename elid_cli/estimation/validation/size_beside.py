@@ -12,6 +12,7 @@ from elid_cli._types import Array
 from elid_cli.errors import in_words
 from elid_cli.estimation.data import Solved
 from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.judgement import NotExcluded
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, shares_of_noise, with_pull
@@ -20,6 +21,11 @@ from elid_cli.model.regressor import EstimationRow
 
 TAKEN_UP = "the bodies' parameters would have taken it up"
 """By what a note that marks such parameters is known."""
+COUNTS, FAR_OFF = 1e-3, 8.0
+"""Part of the torque from which it is worth saying what a log would not show, and by how many of its standard errors
+some base parameter must be off with that."""
+SAME = 1e-9
+"""Part of a column that may be left beside others that hold it."""
 MOVED = 2.0
 """Standard errors by which a gain moves a base parameter that may be biased."""
 
@@ -39,10 +45,47 @@ class Size(NamedTuple):
     """The same by which base parameters may be off, as the size has an error of its own, (b,)."""
 
     @property
+    def moves(self) -> float:
+        """By how many of its standard errors some base parameter is off with a size of one standard error."""
+        return float(np.sqrt(np.maximum(self.loose**2 - self.shift**2, 0.0)).max(initial=0.0))
+
+    @property
     def moved(self) -> NDArray[np.bool_]:
         """Base parameters that they move by several of their standard errors, (b,)."""
         moved: NDArray[np.bool_] = self.shift > MOVED
         return moved
+
+
+def bound_of(fit: DefaultFit, effect: Effect, extra: ExtraColumns, asked: Size, least: float) -> NotExcluded | None:
+    """Return up to which size an effect would not show, if that is a part of the torque and moves a parameter.
+
+    Parameters
+    ----------
+    fit
+        The fit beside which it was asked.
+    effect
+        The effect. What is told is its first amplitude.
+    extra
+        Its columns.
+    asked
+        What the fit says of its size.
+    least
+        Standard errors by which it must differ from 0 to be told.
+    """
+    size, joint = least * float(asked.errors[0]), fit.model.robot.joints[effect.joint]
+    moves, row = least * asked.moves, EstimationRow("sum", effect.joint)
+    groups = [g for g in fit.observation.groups if g.row == row and row in extra.rows and g.use.any()]
+    shares = [_rms(extra.rows[row][0][g.use]) / max(_rms(g.target[g.use]), 1e-300) for g in groups]
+    share = size * max(shares, default=0.0)
+    if not (COUNTS <= share <= 1.0 and moves > FAR_OFF):
+        return None
+    first = effect.amplitudes[0]
+    unit = first.unit_at(slides=not (joint.revolute or effect.whole_robot))
+    return NotExcluded(effect.name, joint.name, first.name, size, unit, moves)
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
 
 
 def askable(fit: DefaultFit) -> bool:
@@ -62,8 +105,10 @@ def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationR
     quiet
         Residual of the rows, N·m (N), up to which noise is all that is left.
     """
-    solved = Solved.of(fit.base, fit.data, (*fit.nuisances, extra), fit.effects)
-    first = fit.model.parameters + len(fit.nuisances)
+    within = {k: held for k, n in enumerate(fit.nuisances) if (held := _within(n, extra)) is not None}
+    kept = tuple(nuisance for k, nuisance in enumerate(fit.nuisances) if k not in within)
+    solved = Solved.of(fit.base, fit.data, (*kept, extra), fit.effects)
+    first = fit.model.parameters + len(kept)
     columns = range(first, first + extra.width)
     basis = solved.solution.basis
     rest = {row: solved.triangles.rms(solved.solution.values, row) for row in quiet if row in solved.triangles.rows}
@@ -75,7 +120,8 @@ def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationR
     facts = fit.data.facts
     whole = with_pull(fit.model, solved.triangles, solved.solution, covariance_of(solved), facts.deflection_noise)
     covariance = whole[np.ix_(where, where)]
-    square = float(values @ np.linalg.pinv(covariance) @ values)
+    beyond = _beyond(len(values), list(within.values()))  # what is no more than the fault that they hold is none
+    square = float(beyond @ values @ np.linalg.pinv(beyond @ covariance @ beyond.T) @ beyond @ values)
     sure = float(np.sqrt(max(square, 0.0)))
     shift = np.abs(solved.transform @ solved.solution.values - fit.transform @ fit.solution.values)
     before = fit.deviations(fit.covariance)
@@ -91,6 +137,28 @@ def size_in_words(fit: DefaultFit, effect: Effect, asked: Size) -> str:
         f"{p.name} {value:.3g} ± {error:.2g} {p.unit_at(slides=not (joint.revolute or effect.whole_robot))}"
         for p, value, error in zip(effect.amplitudes, asked.values, asked.errors, strict=True)
     ])  # fmt: skip
+
+
+def _within(nuisance: ExtraColumns, extra: ExtraColumns) -> Array | None:
+    """Return the coefficients with which columns are a fault of the measurement, (d,); None where they hold it not.
+
+    The angle of rest of a spring is an offset of the torque, too.
+    """
+    if nuisance.width != 1 or not nuisance.rows or not set(nuisance.rows) <= set(extra.rows):
+        return None
+    own = np.concatenate([np.atleast_2d(nuisance.rows[row]) for row in nuisance.rows], axis=1).T
+    held = np.concatenate([np.atleast_2d(extra.rows[row]) for row in nuisance.rows], axis=1).T
+    coefficients: Array = np.linalg.lstsq(held, own, rcond=None)[0]
+    left = float(np.linalg.norm(own - held @ coefficients))
+    return coefficients[:, 0] if left <= SAME * float(np.linalg.norm(own)) else None
+
+
+def _beyond(count: int, held: list[Array]) -> Array:
+    """Return directions of `count` coefficients that are none of those given, (r, count)."""
+    if not held:
+        return np.eye(count)
+    _, sizes, rows = np.linalg.svd(np.array(held))
+    return rows[int(np.count_nonzero(sizes > SAME * sizes.max())) :]
 
 
 def _over(sizes: Array, deviations: Array) -> Array:

@@ -20,6 +20,7 @@ from elid_cli.estimation.judgement import (
     JointError,
     Judgement,
     RowNoise,
+    joined_bounds,
     joined_noise,
     without_chance,
 )
@@ -29,20 +30,15 @@ from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, floor_of_pulled, shares_of_noise
-from elid_cli.estimation.validation.absorbed_gains import absorbed_gains
-from elid_cli.estimation.validation.absorbed_weight import absorbed_weight
-from elid_cli.estimation.validation.absorbed_zeros import absorbed_zeros
 from elid_cli.estimation.validation.column_noise import columns_of
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import (
     APART,
     DEFLECTION,
-    FACTOR,
     OTHERS,
     PACE,
     TIME,
     WEIGHT,
-    ZERO,
     apart,
     followed,
     memory,
@@ -54,6 +50,7 @@ from elid_cli.estimation.validation.noise_floor import Floor, propagated
 from elid_cli.estimation.validation.one_moment import moment_of
 from elid_cli.estimation.validation.other_positions import moved_by_other_positions
 from elid_cli.estimation.validation.prediction import Validation, validate
+from elid_cli.estimation.validation.taken_up import taken_up
 from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.estimation.validation.unpredicted import unpredicted
 from elid_cli.estimation.validation.verdicts import hidden_by_rest
@@ -86,8 +83,6 @@ QUIET, OF_ALL = 0.5, 1e-3
 """Residual over the sensors' noise at any joint below which that noise is none: a drive's torque that chatters, as it
 does on a coarse encoder, is a torque. What is left of every row is then asked by its own size, from this part of the
 torque on."""
-SURER = 0.85
-"""Part of the standard errors of a torque's factor or a zero of positions from which a torque like weight's is told."""
 _LEAST = 60
 """Instants that a row needs to be judged."""
 
@@ -115,6 +110,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         insufficient=tuple(insufficient.values()),
         model="insufficient" if insufficient else "sufficient",
         nuisances=tuple(item.doubted for item in found.nuisances) if insufficient or far else found.nuisances,
+        not_excluded=joined_bounds(told) if len(told) == len(said) else (),
         warnings=(*found.warnings, *too_quiet(found, noise), *unpredicted(error)),
         notes=(*found.notes, *{n.partition(" (")[0]: n for one in told for n in one.notes}.values()),
     )
@@ -172,22 +168,21 @@ def judge_model(fit: DefaultFit) -> Judgement:
     biased = movable(part, seen.missing, seen.curves) if seen.missing else np.zeros(fit.base.count, dtype=bool)
     still = {row: ABOVE * rms for row, rms in floor.rms.items() if row in left}
     lacking = {item.row for item in seen.missing}
-    gains, zeros = absorbed_gains(part, still, lacking), absorbed_zeros(part, still, lacking)
-    weight = absorbed_weight(part, still, lacking)
-    biased |= gains.moved | zeros.moved | weight.moved | moved_by_other_positions(part)
     quiet = not seen.insufficient and all(item.ratio <= UNCLEAR for item in seen.noise)
+    hidden = taken_up(part, still, lacking, quiet=quiet)
+    biased |= hidden.moved | moved_by_other_positions(part)
     names = observation.robot.joint_names
-    told = quiet and weight.sure > SURER * max(gains.sure, zeros.sure)  # what else is missing may look like these
-    off = [(gains.sure, FACTOR, gains.joints), (zeros.sure, ZERO, zeros.joints[:1])] if quiet else []
-    off += [(weight.sure, WEIGHT, weight.joints)] if told else []
     absorbed = [
         Insufficient(n.joint, n.rows, n.ratio, word, 0.0)  # of one row's words the surest is the last
-        for _, word, joints in sorted(off, key=lambda item: item[0])
+        for word, joints in hidden.off
         for n in seen.noise
         if n.rows in (("sum", "load") if word == WEIGHT else ("sum",)) and n.joint in [names[k] for k in joints]
     ]
-    notes = weight.notes if told else zeros.notes if quiet and not (gains.joints or zeros.joints) else ()
-    return Judgement(tuple(seen.noise), (*seen.insufficient, *absorbed), biased, columns_of(noise), notes)
+    said = (*seen.insufficient, *absorbed)
+    bounds = () if said or not quiet else hidden.bounds
+    return Judgement(
+        tuple(seen.noise), said, biased, columns_of(noise), hidden.notes if quiet else (), not_excluded=bounds
+    )
 
 
 def _of_pulled_stiffness(fit: DefaultFit, floor: Floor, left: Mapping[EstimationRow, Array]) -> Floor:

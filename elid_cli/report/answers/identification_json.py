@@ -37,6 +37,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "covariance": covariance_payload(found),
         "error": error_payload(found.error),
         **model_payload(found.model, found.noise, found.insufficient, doubted=is_doubted(found)),
+        "not_excluded": found.not_excluded,
         **motor_side_payload(found),
         "nuisances": nuisance_payload(found.nuisances),
         "effects": _declared_payload(found.effects),

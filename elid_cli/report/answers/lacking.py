@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from elid_cli.errors import in_words
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
@@ -35,6 +36,8 @@ BELOW = (
     "a drive whose kd is smaller than the log has it, or whose loop holds its torque or filters its velocity, looks so"
 )
 """What is said of viscous friction that is negative."""
+HIDDEN = 3
+"""Faults that are named at most of those that a log does not exclude."""
 LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 
@@ -50,6 +53,8 @@ def words_of(found: Identification) -> str:
     if found.model == "sufficient" and (taken := taken_up_words(found.notes)):
         said = f"{UNSURE} {taken} elid diagnose looks for it."
     said = " ".join(part for part in (loaded, said, _unjudged_words(found, said)) if part)
+    if said.startswith(NOTHING):
+        said += hidden_words(found)
     if (found.insufficient or is_unclear(found.noise)) and any(YIELDING in note for note in found.robot.notes):
         said += f" A transmission that yields looks like this, too: {YIELDING}."
     joints = found.motor_side.joints if found.motor_side else ()
@@ -74,6 +79,23 @@ def _unjudged_words(found: Identification, said: str) -> str:
         return ""
     at = "all joints" if len(left_out) == found.robot.n > 1 else listed(left_out)
     return f"Reversals of {at} were left out: elid diagnose tells whether friction changes towards zero speed."
+
+
+def hidden_words(found: Identification) -> str:
+    """Return what the log would not show, in a sentence after others; nothing where it would show all that matters."""
+    if not found.not_excluded:
+        return ""
+    kinds = effect_classes()
+    faults = [
+        f"{kinds[item.effect].title or item.effect.replace('_', ' ')} of "
+        f"{f'{number_text(item.up_to, 2)} {item.unit}' if item.unit else share_text(item.up_to)} at {item.joint}"
+        for item in found.not_excluded
+    ]
+    moves = number_text(found.not_excluded[0].moves, 2)
+    return (
+        f" Not excluded, as other values would take it up unseen: {in_words(faults, HIDDEN)}; values are then off by "
+        f"up to {moves} standard errors."
+    )
 
 
 def taken_up_words(notes: Sequence[str]) -> str:

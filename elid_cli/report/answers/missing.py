@@ -15,7 +15,7 @@ from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.elasticity_words import own_elasticity, taken_as_rigid
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.answers.lacking import ABSORBED, UNSURE, follows_words, moment_words, taken_up_words
+from elid_cli.report.answers.lacking import ABSORBED, UNSURE, follows_words, hidden_words, moment_words, taken_up_words
 from elid_cli.report.answers.summary import called, listed
 from elid_cli.report.tree import Cell, number_text, upper
 
@@ -168,7 +168,7 @@ def missing_words(told: DiagnosisInput) -> str:
             nothing = "Nothing that elid can name: no effect that it knows improves the model."
         if taken := taken_up_words(told.after.notes):
             nothing = taken if told.after.insufficient else f"{UNSURE} {taken}"
-        return f"{rest.strip() or nothing}{taken_as_rigid(found)}"
+        return f"{rest.strip() or nothing + hidden_words(told.after)}{taken_as_rigid(found)}"
     order = [*found.robot.joint_names, found.robot.name].index
     named.sort(key=lambda c: order(c.effect.joint or found.robot.name))
     places: dict[str, list[str]] = {}
@@ -188,7 +188,9 @@ def missing_words(told: DiagnosisInput) -> str:
     if all(joint in poor for joints in places.values() for joint in joints):
         said = f"Something that no effect fits well. The nearest that elid knows: {said[:1].lower()}{said[1:]}"
     own = "".join(f" {words}" for words in dict.fromkeys(own_elasticity(found, c.effect) for c in named) if words)
-    return f"{said}{own}{worth}{_absorbed_words(told, named)}{_poor_words(found, poor)}{rest}"
+    return (
+        f"{said}{own}{worth}{_absorbed_words(told, named)}{_poor_words(found, poor)}{rest or hidden_words(told.after)}"
+    )
 
 
 def _absorbed_words(told: DiagnosisInput, named: Sequence[Contribution]) -> str:
