@@ -9,6 +9,8 @@ import numpy as np
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.event_times import INSTANT
 from elid_cli.estimation.regression.held_effects import HeldErrors, places_of
+from elid_cli.model.effects.scene import with_stiffness
+from elid_cli.robot.parameter import StandardParameter
 
 RISE = 0.35
 """Time in which a jump rises behind a low-pass, over the inverse of its cut-off: motion and torque do not jump."""
@@ -33,6 +35,13 @@ def standard_errors(state: State, number: int) -> dict[str, float]:
         if len(where):  # the others are held at what the rest makes of them: 0
             step = 1e-4 * max(abs(float(centre[k])), 1e-9)
             add(state.renamed(number, centre + step * np.eye(len(centre))[k]), step, int(where[0]))
+    stiffness = float(state.scene.stiffness[effect.joint])
+    if type(effect).unit(state.scene, effect.joint) == stiffness:  # angles come from torques by K, which has an error
+        column = state.log.model.names.index(StandardParameter("K", effect.joint))
+        stiffer = with_stiffness(state.scene, effect.joint, stiffness * (1.0 + 1e-4))
+        for where in np.flatnonzero(state.solution.basis == column)[:1]:
+            now, then = (effect.named(scene, centre) for scene in (stiffer, state.scene))
+            add({name: names[name] + now[name] - then[name] for name in names}, 1e-4 * stiffness, int(where))
     for k, value in enumerate(effect.shape):
         if (number, k) in shapes:
             shape = [v * (1.0 + 1e-4) if n == k else v for n, v in enumerate(effect.shape)]

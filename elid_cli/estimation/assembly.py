@@ -23,7 +23,7 @@ from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.estimation.validation.verdicts import Estimates, judge, shortfall, suspicious, torque_scale
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.scene import Scene
+from elid_cli.model.effects.scene import Scene, with_stiffness
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -261,14 +261,19 @@ def _named_errors(fit: DefaultFit, effect: Effect, scene: Scene, values: Array, 
     if len(kept) < len(columns):
         return {p.name: _deviation(fit, place.start + d) for d, p in enumerate(effect.amplitudes)}
     spread = fit.covariance if fit.scatter is None else at_least(fit.covariance, np.diag(fit.scatter))
-    own = spread[np.ix_([at for _, at in kept], [at for _, at in kept])]
-    named = effect.named(scene, values)
-    slopes = []
+    named, places, slopes = effect.named(scene, values), [at for _, at in kept], []
     for k, _ in kept:
         step = 1e-4 * max(float(np.abs(values[k])), 1e-9)
         moved = effect.named(scene, values + step * np.eye(len(values))[k])
         slopes.append([(moved[name] - value) / step for name, value in named.items()])
-    variance = np.einsum("ka,kl,la->a", np.array(slopes), own, np.array(slopes))
+    stiffness = float(scene.stiffness[effect.joint])
+    if type(effect).unit(scene, effect.joint) == stiffness:  # angles come from torques by K, which has an error
+        column = fit.model.names.index(StandardParameter("K", effect.joint))
+        moved = effect.named(with_stiffness(scene, effect.joint, stiffness * (1.0 + 1e-4)), values)
+        for at in np.flatnonzero(fit.solution.basis == column)[:1]:
+            places.append(int(at))
+            slopes.append([(moved[name] - value) / (1e-4 * stiffness) for name, value in named.items()])
+    variance = np.einsum("ka,kl,la->a", np.array(slopes), spread[np.ix_(places, places)], np.array(slopes))
     amplitudes = {p.name for p in effect.amplitudes}
     return {
         name: float(np.sqrt(max(v, 0.0)))

@@ -21,6 +21,7 @@ from elid_cli.diagnosis.residuals import (
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.estimation.validation.following import LEAST as LEAST_SHARE
 from elid_cli.estimation.validation.too_quiet import LEAST, MATTERS
+from elid_cli.model.effects.relations import in_deflection
 from elid_cli.model.regressor import EstimationRow
 
 MOST = 0.5
@@ -55,16 +56,17 @@ def only_helps(state: State, number: int, gain: float) -> bool:
     effect = state.effects[number]
     ratios, own, lacking = state.ratios(), state.columns[number].rows, without(state, number)
     rows = [row for row in touched(lacking, state, own) if row in own and ratios[row] > HIGH]
-    if effect.in_deflection:  # a late link bends other joints' equations too, but it is its own that show it
+    between = in_deflection(effect, state.log.model.robot)
+    if between:  # a late link bends other joints' equations too, but it is its own that show it
         rows = [row for row in rows if row.joint == effect.joint]
-    if effect.in_deflection == "position":  # what the rotor has of it is little beside what strains the spring
+    if between and effect.in_deflection in ("position", "turn"):  # all else of it is little beside the spring's strain
         rows = [row for row in rows if row == state.log.observation.spring_row(effect.joint)]
     if effect.local:
         if any(_recurs(lacking, state, row) for row in rows):
             return True
-    elif gain >= MOST and not effect.in_deflection:
+    elif gain >= MOST and not between:
         return any(_fits_poorly(lacking, state, number, row) for row in rows)
-    if effect.local or effect.in_deflection:
+    if effect.local or between:
         rows = [row for row in rows if not _takes(MOST, lacking, state, row)]
     joints = {row.joint for row in rows}
     rows += [row for row in judged_rows(state) if row.joint in joints and row not in rows and ratios[row] > HIGH]

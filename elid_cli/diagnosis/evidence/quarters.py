@@ -30,6 +30,7 @@ from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.stretches import QUARTERS, quarter_of
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.relations import in_deflection
 from elid_cli.model.regressor import EstimationRow
 
 SPEAKS = 0.01
@@ -155,7 +156,7 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
 def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Survival:
     """Return what effect `number` of a state is worth; `fits`: the state's model without each quarter."""
     effect = state.effects[number]
-    if effect.in_deflection:
+    if in_deflection(effect, state.log.model.robot):
         return _in_positions(state, type(effect), effect.joint, fits)
     lacking = without(state, number)
     rows = touched(lacking, state, state.columns[number].rows)
@@ -286,8 +287,14 @@ def _in_positions(state: State, kind: type[Effect], joint: int, fits: Sequence[S
     theta = signals.motion.theta[:, joint]
     channels = (theta - signals.motion.q[:, joint], signals.motion.dq[:, joint], theta)
     deflection, speed, position = signals.decimate(np.array(channels))
-    parts = {"velocity": speed, "constant": np.ones(len(deflection)), "position": position}
-    present = {effect.in_deflection for effect in state.effects if effect.joint == joint} & {"position"}
+    turn = np.array([np.sin(position), np.cos(position)])
+    parts = {
+        "velocity": speed[None],
+        "constant": np.ones((1, len(deflection))),
+        "position": position[None],
+        "turn": turn,
+    }
+    present = {effect.in_deflection for effect in state.effects if effect.joint == joint} & {"position", "turn"}
     beside = [parts[part] for part in ("constant", *present) if part != kind.in_deflection]
     moving = ~log.observation.reversing[joint]
     fold, compared = quarter_of(len(deflection)), []
@@ -296,14 +303,14 @@ def _in_positions(state: State, kind: type[Effect], joint: int, fits: Sequence[S
             compared.append(_SILENT)
             continue
         load = link_load(state, joint, fitted.values)
-        columns = np.array([parts[kind.in_deflection], load, *beside])
+        columns = np.concatenate([parts[kind.in_deflection], load[None], *beside])
         known = moving & np.isfinite(deflection) & np.isfinite(columns).all(axis=0)
         train, test = known & (fold != quarter), known & (fold == quarter)
         if not train.any() or not test.any():
             compared.append(_SILENT)
             continue
         errors = []
-        for used in (columns[1:], columns):
+        for used in (columns[len(parts[kind.in_deflection]) :], columns):
             scale = np.linalg.norm(used[:, train], axis=1)[:, None]
             unit = used / np.where(scale > 0, scale, 1.0)
             values = np.linalg.lstsq(unit[:, train].T, deflection[train], rcond=None)[0]

@@ -29,6 +29,7 @@ from elid_cli.estimation.regression.standard_errors import covariance_of, freedo
 from elid_cli.estimation.stretches import stretch_of
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.posed import turns_model
+from elid_cli.model.effects.relations import in_deflection
 
 QUIET = 1.3
 """Residual over the noise floor of every row up to which nothing but noise is left."""
@@ -87,8 +88,8 @@ def _by_size(kind: type[Effect]) -> bool:
 
     The deflection is not: noise of encoders in it is not linear in what acts between motor and link.
     """
-    in_deflection = kind.in_deflection or kind.place == "spring"
-    return not (kind.local or kind.shapes or kind.corrects or kind.nuisance or kind.quasi_static or in_deflection)
+    between = (kind.in_deflection and kind.elastic_only) or kind.place == "spring"
+    return not (kind.local or kind.shapes or kind.corrects or kind.nuisance or kind.quasi_static or between)
 
 
 def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step] | None:
@@ -97,7 +98,7 @@ def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step]
         return None
     log = replace(state.log, fold=stretch_of(state.log.observation.instants))
     whole = agreed(fit(log, state.effects, state.scene, but=state.but))
-    candidates = screen(whole, kinds)
+    candidates = [c for c in screen(whole, kinds) if not in_deflection(c.effect, whole.log.model.robot)]
     able = [c for c in candidates if _predicts(c) and c.net > 0 and not _scales_all(whole, c.effect)]
     for _ in range(min(TRIED, len(able))):
         step = best_step(able)
@@ -124,7 +125,9 @@ def _predicts(candidate: Candidate) -> bool:
 def _any_gains(state: State, kinds: Mapping[str, type[Effect]]) -> bool:
     """Whether any of such effects gains something on the stretches of the search: else the rest need not be asked."""
     joints = range(state.log.model.robot.n)
-    effects = [kind(k) for kind in kinds.values() for k in joints if kind.applies(state.log.model.robot, k)]
+    robot = state.log.model.robot
+    effects = [kind(k) for kind in kinds.values() for k in joints if kind.applies(robot, k)]
+    effects = [effect for effect in effects if not in_deflection(effect, robot)]
     gains = state.projected.gains([state.log.columns.of(effect, state.scene).rows for effect in effects])
     return any(gain is not None and gain.whole > LEAST for gain in gains)
 

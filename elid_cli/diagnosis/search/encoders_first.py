@@ -1,4 +1,4 @@
-"""Faults between the encoders of a joint, which come before any physics: skews, offsets and scales."""
+"""Faults between the encoders of a joint, which come before any physics: skews, offsets, scales, eccentricities."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.diagnosis.search.acceptance import improves, left_out_error, predicted_better
+from elid_cli.diagnosis.search.candidate import Candidate
 from elid_cli.diagnosis.search.encoder_skew import Skew, looked_again, visible_skew
 from elid_cli.diagnosis.search.screening import score, sensible
 from elid_cli.diagnosis.search.steps import Step
@@ -29,7 +30,7 @@ SCALE_GAIN = 0.99
 
 
 def measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tuple[State, list[Step]]:
-    """Accept skew and offset between a joint's two encoders where they help together, or a wrong scale.
+    """Accept skew and offset between a joint's two encoders where they help together, or what follows the position.
 
     They imitate physics, and each hides behind the other: the deflection of a stiff joint is so small that either
     of them alone falsifies the stiffness, so neither alone would improve the fit. Of a wrong scale an offset takes a
@@ -40,9 +41,8 @@ def measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tupl
     for joint in range(state.log.model.robot.n):
         # where the positions have shown the skew, what hides behind it can still be the offset
         moved = state.log.shifts.of("link", joint) != 0.0
-        pair = [k for k in kinds if k.in_deflection != "position"]
-        scaled = [k for k in kinds if k.in_deflection != "velocity"]
-        trial = _scaled(state, joint, scaled) if all(_is_free(state, k, joint, library) for k in scaled) else None
+        pair = [k for k in kinds if k.in_deflection in ("velocity", "constant")]
+        trial = _bent(state, joint, [k for k in kinds if _is_free(state, k, joint, library)])
         if trial is None and all(_is_free(state, k, joint, library) for k in pair):
             trial = _pair(state, joint, [k for k in pair if not (moved and k.corrects == "link")])
         if trial is not None:
@@ -149,10 +149,49 @@ def by_torques(state: State, seen: Sequence[Skew]) -> State:
     return state
 
 
-def _scaled(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
+def _bent(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
+    """Return the state with what of a joint's deflection follows its position; None where nothing does.
+
+    Of what predicts as well the one of the fewest amplitudes is taken, the others are its rivals.
+    """
+    offset = [kind for kind in kinds if kind.in_deflection == "constant"]
+    bends = [kind for kind in kinds if kind.in_deflection in ("position", "turn")] if offset else []
+    trials = [_scaled(state, joint, kind, offset[0]) for kind in sorted(bends, key=lambda kind: len(kind.amplitudes))]
+    found = [trial for trial in trials if trial is not None]
+    if not found:
+        return None
+    rows = [state.log.observation.spring_row(joint)]
+    errors = [left_out_error(grown, state, rows) for grown, _ in found]
+    as_good = [k for k, error in enumerate(errors) if error <= (1 + APART) * min(errors)]
+    grown, steps = found[as_good[0]]
+    return _beside_twins(state, grown, steps, [found[k][1][0].candidate for k in as_good[1:]])
+
+
+def _beside_twins(
+    state: State, grown: State, steps: list[Step], rivals: list[Candidate]
+) -> tuple[State, list[Step]] | None:
+    """Return a state with twins that have shapes of their own as rivals, too; None where one of them does better."""
+    first = steps[0].candidate.effect
+    rows = [row for row in state.triangles.rows if row.joint == first.joint]
+    least = left_out_error(grown, state, rows)
+    for kind in (effect_classes()[name] for name in twins_of(type(first))):
+        shapes = kind.grid(state.scene, first.joint)[:1] if kind.shapes else []
+        for candidate in (score(state, kind(first.joint, shape), 1, 1) for shape in shapes):
+            if candidate is None:
+                continue
+            effects = (*state.effects, candidate.effect, *(step.candidate.effect for step in steps[1:]))
+            other = refreshed(fit(state.log, effects, state.scene))
+            values, error = other.named(len(state.effects)), left_out_error(other, state, rows)
+            if not sensible(candidate.effect, other.scene, values) or error > (1 + APART) * least:
+                continue
+            if error < (1 - APART) * least:
+                return None
+            rivals = [*rivals, replace(candidate, values=values)]
+    return grown, [replace(steps[0], rivals=tuple(rivals)), *steps[1:]]
+
+
+def _scaled(state: State, joint: int, scale: type[Effect], offset: type[Effect]) -> tuple[State, list[Step]] | None:
     """Return the state with a joint's wrong scale, with an offset where that is needed; None where it has none."""
-    (scale,) = (kind for kind in kinds if kind.in_deflection == "position")
-    (offset,) = (kind for kind in kinds if kind.in_deflection == "constant")
     alone = _pair(state, joint, (scale,), SCALE_GAIN)
     both = _pair(state, joint, (scale, offset), SCALE_GAIN)
     if both is not None or alone is None:

@@ -11,7 +11,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect, Parameter
-from elid_cli.model.effects.scene import Scene
+from elid_cli.model.effects.scene import Scene, with_stiffness
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
@@ -179,7 +179,7 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
         stiffness = float(robot.joints[joint].parameters.get("K", np.nan))
-        scene = _with_stiffness(rough, joint, stiffness) if kind.strains_spring and stiffness > 0 else rough
+        scene = with_stiffness(rough, joint, stiffness) if kind.strains_spring and stiffness > 0 else rough
         values = {p.name: 0.0 for p in kind.amplitudes} | dict(spec.parameters)
         mean = np.zeros(len(kind.amplitudes))
         given = True
@@ -197,16 +197,6 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
             spread = np.full_like(mean, np.inf)
         found.append(Declared(spec, effect, mean, spread, effect if given else None))
     return tuple(found)
-
-
-def _with_stiffness(scene: Scene, joint: int, stiffness: float) -> Scene:
-    """Return a scene with a joint's stiffness as the file has it.
-
-    A fit without a fault between the encoders takes what that adds for a deflection, and its K comes out too small.
-    """
-    known = np.array(scene.stiffness, dtype=float)
-    known[joint] = stiffness
-    return replace(scene, stiffness=known)
 
 
 def _grid(kind: type[Effect], scene: Scene, joint: int, spec: EffectSpec) -> list[tuple[float, ...]]:

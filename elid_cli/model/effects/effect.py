@@ -131,7 +131,7 @@ class Effect(ABC):
     """Whether its amplitude is by how much a joint's positions are read too large, in commands as well. One effect."""
     nuisance: ClassVar[Nuisance | None] = None
     """The nuisance that it is where every fit estimates it along. One effect per nuisance."""
-    in_deflection: ClassVar[Literal["velocity", "constant", "position", ""]] = ""
+    in_deflection: ClassVar[Literal["velocity", "constant", "position", "turn", ""]] = ""
     """What it adds to the deflection as two encoders show it. Such faults imitate physics: they are tried before."""
     usual_first: ClassVar[bool] = False
     """Whether the grid holds the forms in the order of their use: of equals the first is named."""

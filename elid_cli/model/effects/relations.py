@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from elid_cli.model.effects.effect import Effect
+    from elid_cli.robot.robot import Robot
+
+
+def in_deflection(effect: Effect, robot: Robot) -> bool:
+    """Whether an effect is a fault between the two encoders of its joint."""
+    return bool(effect.in_deflection) and robot.joints[effect.joint].elastic
 
 
 class Same(NamedTuple):
