@@ -1,4 +1,4 @@
-"""Whether a joint's positions have a wrong zero, or the base is tilted: other parameters take that up.
+"""Whether a joint's positions have a wrong zero or are off once per turn, or the base is tilted: others take it up.
 
 A body whose frame is turned a little has other first moments and inertias; they explain nearly all of a zero that is
 off by some milliradians, and are then off by many of their standard errors. What the poses of the other joints leave of
@@ -20,15 +20,20 @@ from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.validation.size_beside import TAKEN_UP, Size, askable, bound_of, size_beside, size_in_words
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
 
 SURE, ELASTIC = 4.0, 12.0
 """Standard errors by which it must differ from 0, of rigid arms and of those with elastic joints, whose encoders'
 noise in the columns is in no standard error. On 80 and 280 logs with right zeros it differed by 2.9 and 8.7 at most."""
+LIKELY, ELASTIC_LIKELY, FAR = 3.0, 9.0, 8.0
+"""Standard errors from which it is likely so in these arms, and by which it must move a parameter to be said then."""
+OF_TURN = 5.0
+"""Standard errors that an error once per turn, which has an amplitude more, must have beyond those of a zero."""
 
 
-LIKELY, FAR = 3.0, 8.0
-"""Standard errors from which it is likely so in rigid arms, and by which it must move a parameter to be said then."""
+WIDE = 0.5
+"""rad; range of positions from which an error once per turn is asked for: a zero and a scale are alike over less."""
 
 
 class AbsorbedZeros(NamedTuple):
@@ -44,6 +49,8 @@ class AbsorbedZeros(NamedTuple):
     """Of each that is likely, what it may be and what it moves."""
     bounds: tuple[NotExcluded, ...] = ()
     """Up to which sizes the others would not show."""
+    turns: bool = False
+    """Whether it is an error once per turn that the surest joint's positions have."""
 
 
 def absorbed_zeros(
@@ -65,7 +72,7 @@ def absorbed_zeros(
     if not askable(fit):
         return AbsorbedZeros((), moved)
     elastic = bool(fit.model.robot.elastic.any())
-    least, likely = (ELASTIC, ELASTIC) if elastic else (SURE, LIKELY)
+    least, likely = (ELASTIC, ELASTIC_LIKELY) if elastic else (SURE, LIKELY)
     scene = scene_of(fit.model, fit.signals, fit.standard)
     judged = {row: quiet[row] for row in quiet if row not in lacking}
     for effect in (effect for effect in _asked(fit) if not (fit.effects and fit.effects.has(effect))):
@@ -83,8 +90,39 @@ def absorbed_zeros(
         elif asked.sure > likely and float(asked.shift.max()) > FAR:
             moved |= asked.moved
             notes.append(_words(fit, effect, asked))
-    joints = tuple(sorted(found, key=lambda k: -found[k]))
-    return AbsorbedZeros(joints, moved, max(found.values(), default=0.0), tuple(notes), tuple(bounds))
+    turns = _of_turns(fit, scene, judged, float(np.hypot(max(found.values(), default=0.0), max(OF_TURN, least))))
+    surest = turns.joints or found
+    joints = tuple(sorted(surest, key=lambda k: -surest[k]))
+    sure, bounds = max(surest.values(), default=0.0), [*bounds, *turns.bounds]
+    return AbsorbedZeros(joints, moved | turns.moved, sure, tuple(notes), tuple(bounds), bool(turns.joints))
+
+
+class _Turns(NamedTuple):
+    """Errors once per turn: how sure they are by joint, what they move, and up to which sizes others would not show."""
+
+    joints: dict[int, float]
+    moved: NDArray[np.bool_]
+    bounds: list[NotExcluded]
+
+
+def _of_turns(fit: DefaultFit, scene: Scene, judged: Mapping[EstimationRow, float], least: float) -> _Turns:
+    """Return what rigid joints' positions have of an error once per turn; told are those of some standard errors."""
+    kind, robot = effect_that(in_deflection="turn"), fit.model.robot
+    wide = np.ptp(fit.signals.motion.q, axis=0) > WIDE
+    found = _Turns({}, np.zeros(fit.base.count, dtype=bool), [])
+    for effect in (kind(k) for k in range(robot.n) if kind.applies(robot, k) and wide[k]):
+        if robot.joints[effect.joint].elastic or (fit.effects and fit.effects.has(effect)):
+            continue
+        extra = extra_of(effect, scene, fit.signals)
+        asked = size_beside(fit, extra, judged)
+        if asked is None:
+            continue
+        if asked.sure > least and asked.moved.any():
+            found.joints[effect.joint] = asked.sure
+            found.moved[asked.moved] = True
+        elif bound := bound_of(fit, effect, extra, asked, least):
+            found.bounds.append(bound)
+    return found
 
 
 def _words(fit: DefaultFit, effect: Effect, asked: Size) -> str:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from elid_cli.errors import in_words
 from elid_cli.estimation.judgement import Insufficient, Judgement
 from elid_cli.estimation.result import BaseEstimate, Identification
-from elid_cli.estimation.validation.following import APART, FACTOR, LOGS, WEIGHT, ZERO
+from elid_cli.estimation.validation.following import APART, FACTOR, LOGS, TURN, WEIGHT, ZERO
 from elid_cli.estimation.validation.verdicts import DIFFERS
 from elid_cli.model.regressor import Kind
 
-ABSORBED = (APART, FACTOR, WEIGHT, ZERO)
+ABSORBED = (APART, FACTOR, TURN, WEIGHT, ZERO)
 """What a scale, sign or zero looks like that the whole of a log has."""
 FAR_APART = 2.0
 """Error of logs together over the sensors' noise, and over what each log's own fit leaves, from which they differ."""

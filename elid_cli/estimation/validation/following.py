@@ -45,6 +45,8 @@ FACTOR = "factor"
 """What a residual follows that holds next to nothing of a gain of its torque, which other values took up."""
 ZERO = "zero"
 """The same of a zero of its positions that is off, or of a tilt of the base."""
+TURN = "turn"
+"""The same of positions that are off once per turn, as those of an encoder off its centre are."""
 WEIGHT = "weight"
 """The same of a torque that is nearly that of a weight, as a weak spring's is."""
 SLOW = 0.5

@@ -13,7 +13,7 @@ from elid_cli.estimation.judgement import NotExcluded
 from elid_cli.estimation.validation.absorbed_gains import absorbed_gains
 from elid_cli.estimation.validation.absorbed_weight import absorbed_weight
 from elid_cli.estimation.validation.absorbed_zeros import absorbed_zeros
-from elid_cli.estimation.validation.following import FACTOR, WEIGHT, ZERO
+from elid_cli.estimation.validation.following import FACTOR, TURN, WEIGHT, ZERO
 from elid_cli.model.regressor import EstimationRow
 
 SURER = 0.85
@@ -52,7 +52,11 @@ def taken_up(
     gains, zeros = absorbed_gains(fit, still, lacking), absorbed_zeros(fit, still, lacking)
     weight = absorbed_weight(fit, still, lacking)
     told = quiet and weight.sure > SURER * max(gains.sure, zeros.sure)  # what else is missing may look like these
-    off = [(gains.sure, FACTOR, gains.joints), (zeros.sure, ZERO, zeros.joints[:1])] if quiet else []
+    off = (
+        [(gains.sure, FACTOR, gains.joints), (zeros.sure, TURN if zeros.turns else ZERO, zeros.joints[:1])]
+        if quiet
+        else []
+    )
     off += [(weight.sure, WEIGHT, weight.joints)] if told else []
     ordered = [(word, joints) for _, word, joints in sorted(off, key=lambda item: item[0])]
     notes = weight.notes if told else zeros.notes if quiet and not (gains.joints or zeros.joints) else ()

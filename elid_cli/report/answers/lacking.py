@@ -13,7 +13,7 @@ from elid_cli.errors import in_words
 from elid_cli.estimation.judgement import Insufficient, RowNoise
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.at_noise import is_at_noise
-from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE, WEIGHT, ZERO
+from elid_cli.estimation.validation.following import APART, DEFLECTION, FACTOR, LOGS, PACE, TURN, WEIGHT, ZERO
 from elid_cli.estimation.validation.size_beside import TAKEN_UP
 from elid_cli.estimation.validation.sufficiency import ABOVE, QUIET, UNCLEAR
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
@@ -25,6 +25,7 @@ from elid_cli.report.tree import number_text, upper
 ABSORBED = {
     FACTOR: "the torque of {} looks off by a factor, which other values take up",
     ZERO: "the zero of the positions of {} looks off, or the base tilted, which other values take up",
+    TURN: "the positions of {} look off once per turn, as those of an eccentric encoder, which other values take up",
     WEIGHT: "a torque like a weight's looks missing at {}, such as a weak spring's, which other values take up (see the"
     " notes)",
 }
