@@ -25,6 +25,9 @@ LAST = 0.1
 """Part of a sample up to which the torques may put right a skew that the positions show."""
 PAIR_GAIN = 0.1
 """Least part of the left-out motor row's error that both together must take away, also from either alone."""
+MUCH = 0.5
+"""Error left out over that of a simpler form below which another one is taken: what more amplitudes take of noise is
+less."""
 SCALE_GAIN = 0.99
 """Least part of it that a wrong scale takes away: the load follows the position, too, and springs bend by it."""
 
@@ -152,7 +155,7 @@ def by_torques(state: State, seen: Sequence[Skew]) -> State:
 def _bent(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
     """Return the state with what of a joint's deflection follows its position; None where nothing does.
 
-    Of what predicts as well the one of the fewest amplitudes is taken, the others are its rivals.
+    The one of the fewest amplitudes is taken that none predicts much better than; what predicts as well is its rival.
     """
     offset = [kind for kind in kinds if kind.in_deflection == "constant"]
     bends = [kind for kind in kinds if kind.in_deflection in ("position", "turn")] if offset else []
@@ -162,9 +165,10 @@ def _bent(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[Stat
         return None
     rows = [state.log.observation.spring_row(joint)]
     errors = [left_out_error(grown, state, rows) for grown, _ in found]
-    as_good = [k for k, error in enumerate(errors) if error <= (1 + APART) * min(errors)]
-    grown, steps = found[as_good[0]]
-    return _beside_twins(state, grown, steps, [found[k][1][0].candidate for k in as_good[1:]])
+    simple = next(k for k, error in enumerate(errors) if MUCH * error <= min(errors))
+    grown, steps = found[simple]
+    as_good = [k for k, error in enumerate(errors) if k != simple and error <= (1 + APART) * errors[simple]]
+    return _beside_twins(state, grown, steps, [found[k][1][0].candidate for k in as_good])
 
 
 def _beside_twins(

@@ -30,6 +30,7 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
     "backlash": ("joint2", {"gap": 1.5e-3}, 1e-6),
     "contact": ("joint1", {"torque": 20.0, "time": 0.65, "width": 0.3}, 1e-6),
     "cubic_stiffness": ("joint2", {"cubic": 3e6}, 1e-6),
+    "encoder_eccentricity": ("joint2", {"amplitude": 1e-3, "phase": 0.7}, 0.01),
     "encoder_offset": ("joint1", {"offset": 1e-3}, 1e-3),
     "encoder_scale": ("joint2", {"scale": 1e-3}, 0.02),
     "encoder_zero": ("joint1", {"offset": 0.01}, 0.05),

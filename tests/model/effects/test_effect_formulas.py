@@ -155,6 +155,30 @@ def test_a_scale_moves_the_spring_and_what_the_rotor_needs(planar_scene: Scene) 
     np.testing.assert_allclose(found[EquationRow("motor", 0)], expected, atol=1e-6)
 
 
+def test_an_eccentric_encoder_moves_the_spring_and_what_the_bodies_need(planar_scene: Scene) -> None:
+    scene, amplitude, phase = planar_scene, 1e-3, 0.7
+    m, found = scene.motion, total("encoder_eccentricity", planar_scene)
+    wrong, slope = amplitude * np.sin(m.q[:, 0] + phase), amplitude * np.cos(m.q[:, 0] + phase)
+    np.testing.assert_allclose(found[EquationRow("motor", 0)], 3000.0 * wrong, atol=1e-9)
+    q, dq, ddq = m.q.copy(), m.dq.copy(), m.ddq.copy()
+    q[:, 0] -= wrong
+    dq[:, 0] -= slope * m.dq[:, 0]
+    ddq[:, 0] -= slope * m.ddq[:, 0] - wrong * m.dq[:, 0] ** 2
+    bodies = [
+        sum(
+            scene.parameters[k] * body_columns(scene.robot, p.joint, motion)[:, LINK_PARAMETERS.index(p.kind)]
+            for k, p in enumerate(scene.robot.parameter_names())
+            if p.kind in LINK_PARAMETERS
+        )
+        for motion in (m.changed(q=q, dq=dq, ddq=ddq), m)
+    ]
+    expected = bodies[0] - bodies[1]
+    expected[0] -= 3000.0 * wrong
+    for joint in range(2):
+        size = float(np.abs(expected[joint]).max())
+        np.testing.assert_allclose(found[EquationRow("link", joint)], expected[joint], atol=2e-3 * size)
+
+
 def test_a_skew_moves_the_spring_and_what_the_bodies_need(planar_scene: Scene) -> None:
     m = planar_scene.motion
     found = total("encoder_skew", planar_scene)

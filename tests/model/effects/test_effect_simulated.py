@@ -32,7 +32,14 @@ CHANGES = {
     "gravity_direction": {"roll": 0.01, "pitch": -0.004},
     "encoder_zero": {"offset": 0.01},
 }
-LEFT = {"encoder_scale": 0.01, "hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2, "encoder_zero": 0.1}
+LEFT = {
+    "encoder_scale": 0.01,
+    "encoder_eccentricity": 0.05,
+    "hysteresis": 2e-2,
+    "flexible_mode": 1e-3,
+    "gravity_direction": 0.2,
+    "encoder_zero": 0.1,
+}
 """Share of the effect that may remain: states between samples, the second order of what turns the model."""
 
 
