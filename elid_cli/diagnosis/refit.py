@@ -132,7 +132,8 @@ def with_unexplained(told: Identification, unexplained: Sequence[Unexplained]) -
     parameters = tuple(
         replace(p, bias_possible=p.bias_possible or names[p.leader.joint] in loud) for p in told.parameters
     )
-    return replace(told, model="insufficient", insufficient=(*told.insufficient, *more), parameters=parameters)
+    lacking = (*told.insufficient, *more)
+    return replace(told, model="insufficient", insufficient=lacking, parameters=parameters, not_excluded=())
 
 
 def _comparable(
@@ -206,7 +207,7 @@ def _identified_again(
         rotors=found.rotors,
         condition=found.condition, rank=found.rank,
         rank_margin=found.rank_margin, warnings=found.warnings, notes=found.notes,
-        noise=found.noise, insufficient=found.insufficient, model=found.model,
+        noise=found.noise, insufficient=found.insufficient, model=found.model, not_excluded=found.not_excluded,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
     written = identified_robot(replace(found, parameters=told.parameters))

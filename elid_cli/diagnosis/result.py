@@ -19,6 +19,7 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import FittedEffect, Identification, Nuisance
 from elid_cli.estimation.validation.prediction import Validation
 from elid_cli.model.effects import effect_classes, nuisance_of
+from elid_cli.model.effects.relations import in_deflection
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
@@ -260,7 +261,8 @@ class Diagnosis(Shown):
         Delays and faults between encoders are in every sample, whatever the motion does.
         """
         kind = effect_classes()[effect.effect]
-        return self.repeats is None or kind.corrects is not None or bool(kind.in_deflection)
+        at = kind.number(self.robot, effect.joint)
+        return self.repeats is None or kind.corrects is not None or in_deflection(kind, self.robot, at)
 
     @property
     def predicted_worse(self) -> tuple[str, ...]:

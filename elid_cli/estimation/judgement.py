@@ -135,8 +135,8 @@ class Judgement:
     """What the other parameters may have taken up, in sentences."""
     misfitted: tuple[Insufficient, ...] = ()
     """Rows of a described robot whose residual follows the motion as other values of its parameters would."""
-    not_excluded: tuple[NotExcluded, ...] = ()
-    """What other parameters would take up without a sign, from the one that moves them most."""
+    not_excluded: tuple[NotExcluded, ...] | None = None
+    """What other parameters would take up without a sign, from the one that moves them most; None: not asked."""
 
     @property
     def model(self) -> ModelWord:
@@ -159,11 +159,12 @@ def without_chance(told: Sequence[Judgement]) -> list[Judgement]:
 
 def joined_bounds(told: Sequence[Judgement]) -> tuple[NotExcluded, ...]:
     """Return what none of several logs excludes: up to the smallest size, as each of them would show it."""
+    asked = [one.not_excluded for one in told if one.not_excluded is not None]
     kept: dict[tuple[str, str, str], NotExcluded] = {}
-    for item in (item for one in told for item in one.not_excluded):
+    for item in (item for bounds in asked for item in bounds):
         key = item.effect, item.joint, item.parameter
         kept[key] = min(item, kept.get(key, item), key=lambda i: i.up_to)
-    shown_by = [{(i.effect, i.joint, i.parameter) for i in one.not_excluded} for one in told]
+    shown_by = [{(i.effect, i.joint, i.parameter) for i in bounds} for bounds in asked]
     everywhere = [item for key, item in kept.items() if all(key in keys for keys in shown_by)]
     return tuple(sorted(everywhere, key=lambda item: -item.moves))
 

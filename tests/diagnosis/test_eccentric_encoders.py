@@ -101,3 +101,18 @@ def test_right_encoders_are_not_doubted(seed: int) -> None:
     found = identify(made.robot, prepare(_rigid_log(made, Laws(), seed), made.robot))
     assert found.model == "sufficient"
     assert not any(p.bias_possible for p in found.parameters)
+
+
+def test_a_simulated_one_of_a_rigid_joint_is_read_by_both_encoders_and_found() -> None:
+    plain = arm()
+    stiff = [replace(j, transmission="rigid", parameters={k: v for k, v in j.parameters.items() if k != "K"})
+             for j in plain.joints]  # fmt: skip
+    robot = replace(plain, joints=tuple(stiff))
+    spec = EffectSpec("encoder_eccentricity", "joint1", {"amplitude": 0.02, "phase": 0.7})
+    options = simulation.SimulationOptions(duration=6.0, seed=3, rate=500.0, sensors=SensorOptions(noise_db=90.0))
+    log = simulation.run(replace(robot, effects=(spec,)), options).recording
+    np.testing.assert_array_equal(log.q, log.theta)
+    declared = replace(spec, parameters={})
+    found = identify(replace(robot, effects=(declared,)), prepare(log, robot)).effects[0]
+    assert found.parameters["amplitude"] == pytest.approx(0.02, rel=0.02)
+    assert found.parameters["phase"] == pytest.approx(0.7, abs=0.02)

@@ -7,14 +7,19 @@ import json
 import numpy as np
 import pytest
 
+from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.estimation.judgement import Judgement, NotExcluded, joined_bounds
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.streaming.files import _heard, _told
 from elid_cli.estimation.validation.following import WEIGHT
+from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.lacking import words_of
-from tests.estimation.test_unsaid_causes import identified, made_rigid
-from tests.system.reproduce.inverse_logs import Laws, Made, World
+from elid_cli.report.answers.missing import missing_words
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.signals import prepare
+from tests.estimation.test_unsaid_causes import RATE, identified, made_rigid
+from tests.system.reproduce.inverse_logs import Laws, Made, World, log_of, recorded
 
 
 def _read(change: dict[str, float], joint: int) -> Laws:
@@ -114,10 +119,13 @@ def _bound(joint: str, up_to: float, moves: float) -> NotExcluded:
 
 
 def test_several_logs_exclude_what_one_of_them_does() -> None:
+    silent = Judgement((), ())
     one = Judgement((), (), not_excluded=(_bound("j1", 0.01, 20.0), _bound("j2", 0.02, 10.0)))
     other = Judgement((), (), not_excluded=(_bound("j2", 0.01, 9.0),))
     assert joined_bounds([one, other]) == (_bound("j2", 0.01, 9.0),)
     assert joined_bounds([one]) == one.not_excluded
+    assert joined_bounds([one, silent]) == one.not_excluded  # it was not asked
+    assert joined_bounds([one, Judgement((), (), not_excluded=())]) == ()
 
 
 def test_it_is_kept_with_a_reduced_log() -> None:
@@ -127,3 +135,26 @@ def test_it_is_kept_with_a_reduced_log() -> None:
     heard = _heard(told, ("j1",), ())
     assert heard is not None
     assert heard.not_excluded == (_bound("j1", 0.01, 9.0),)
+
+
+def test_one_of_an_effect_that_is_not_known_is_left_out() -> None:
+    other = NotExcluded("something_new", "j1", "size", 0.01, "rad", 9.0)
+    told = json.loads(json.dumps(_told(Judgement((), (), np.zeros(0, dtype=bool), not_excluded=(other,)))))
+    heard = _heard(told, ("j1",), ())
+    assert heard is not None
+    assert heard.not_excluded == ()
+    del told["not_excluded"]  # as an older version wrote it
+    heard = _heard(told, ("j1",), ())
+    assert heard is not None
+    assert heard.not_excluded is None
+
+
+def test_a_diagnosis_that_finds_nothing_says_it_as_well() -> None:
+    made = made_rigid(4)
+    log = recorded(made, log_of(made, Laws()), db=0.0, counts=2.0**16, torque=0.003, colour=0.0, seed=4)
+    found = diagnose(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)))
+    assert isinstance(found, Diagnosis)
+    models = found.identified_before, found.identified_after
+    assert models[1].not_excluded
+    words = missing_words(DiagnosisInput(found, *models, found.contributions, found.recording, "arm.yaml"))
+    assert words.startswith("Nothing: only the sensors' noise is left, and no effect improves the model. Not excluded")

@@ -56,7 +56,7 @@ def only_helps(state: State, number: int, gain: float) -> bool:
     effect = state.effects[number]
     ratios, own, lacking = state.ratios(), state.columns[number].rows, without(state, number)
     rows = [row for row in touched(lacking, state, own) if row in own and ratios[row] > HIGH]
-    between = in_deflection(effect, state.log.model.robot)
+    between = in_deflection(effect, state.log.model.robot, effect.joint)
     if between:  # a late link bends other joints' equations too, but it is its own that show it
         rows = [row for row in rows if row.joint == effect.joint]
     if between and effect.in_deflection in ("position", "turn"):  # all else of it is little beside the spring's strain

@@ -156,7 +156,7 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
 def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Survival:
     """Return what effect `number` of a state is worth; `fits`: the state's model without each quarter."""
     effect = state.effects[number]
-    if in_deflection(effect, state.log.model.robot):
+    if in_deflection(effect, state.log.model.robot, effect.joint):
         return _in_positions(state, type(effect), effect.joint, fits)
     lacking = without(state, number)
     rows = touched(lacking, state, state.columns[number].rows)

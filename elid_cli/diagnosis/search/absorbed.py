@@ -98,7 +98,7 @@ def _next(state: State, kinds: Mapping[str, type[Effect]]) -> tuple[State, Step]
         return None
     log = replace(state.log, fold=stretch_of(state.log.observation.instants))
     whole = agreed(fit(log, state.effects, state.scene, but=state.but))
-    candidates = [c for c in screen(whole, kinds) if not in_deflection(c.effect, whole.log.model.robot)]
+    candidates = [c for c in screen(whole, kinds) if not in_deflection(c.effect, whole.log.model.robot, c.effect.joint)]
     able = [c for c in candidates if _predicts(c) and c.net > 0 and not _scales_all(whole, c.effect)]
     for _ in range(min(TRIED, len(able))):
         step = best_step(able)
@@ -127,7 +127,7 @@ def _any_gains(state: State, kinds: Mapping[str, type[Effect]]) -> bool:
     joints = range(state.log.model.robot.n)
     robot = state.log.model.robot
     effects = [kind(k) for kind in kinds.values() for k in joints if kind.applies(robot, k)]
-    effects = [effect for effect in effects if not in_deflection(effect, robot)]
+    effects = [effect for effect in effects if not in_deflection(effect, robot, effect.joint)]
     gains = state.projected.gains([state.log.columns.of(effect, state.scene).rows for effect in effects])
     return any(gain is not None and gain.whole > LEAST for gain in gains)
 

@@ -45,7 +45,7 @@ def measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tupl
         # where the positions have shown the skew, what hides behind it can still be the offset
         moved = state.log.shifts.of("link", joint) != 0.0
         pair = [k for k in kinds if k.in_deflection in ("velocity", "constant")]
-        trial = _bent(state, joint, [k for k in kinds if _is_free(state, k, joint, library)])
+        trial = _bent(state, joint, [k for k in kinds if _is_free(state, k, joint, library)], library)
         if trial is None and all(_is_free(state, k, joint, library) for k in pair):
             trial = _pair(state, joint, [k for k in pair if not (moved and k.corrects == "link")])
         if trial is not None:
@@ -152,7 +152,9 @@ def by_torques(state: State, seen: Sequence[Skew]) -> State:
     return state
 
 
-def _bent(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
+def _bent(
+    state: State, joint: int, kinds: Sequence[type[Effect]], library: Mapping[str, type[Effect]]
+) -> tuple[State, list[Step]] | None:
     """Return the state with what of a joint's deflection follows its position; None where nothing does.
 
     The one of the fewest amplitudes is taken that none predicts much better than; what predicts as well is its rival.
@@ -168,17 +170,19 @@ def _bent(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[Stat
     simple = next(k for k, error in enumerate(errors) if MUCH * error <= min(errors))
     grown, steps = found[simple]
     as_good = [k for k, error in enumerate(errors) if k != simple and error <= (1 + APART) * errors[simple]]
-    return _beside_twins(state, grown, steps, [found[k][1][0].candidate for k in as_good])
+    first = type(steps[0].candidate.effect)
+    twins = [kind for name in twins_of(first) if (kind := library.get(name)) and _is_free(state, kind, joint, library)]
+    return _beside_twins(state, grown, steps, [found[k][1][0].candidate for k in as_good], twins)
 
 
 def _beside_twins(
-    state: State, grown: State, steps: list[Step], rivals: list[Candidate]
+    state: State, grown: State, steps: list[Step], rivals: list[Candidate], twins: Sequence[type[Effect]]
 ) -> tuple[State, list[Step]] | None:
     """Return a state with twins that have shapes of their own as rivals, too; None where one of them does better."""
     first = steps[0].candidate.effect
     rows = [row for row in state.triangles.rows if row.joint == first.joint]
     least = left_out_error(grown, state, rows)
-    for kind in (effect_classes()[name] for name in twins_of(type(first))):
+    for kind in twins:
         shapes = kind.grid(state.scene, first.joint)[:1] if kind.shapes else []
         for candidate in (score(state, kind(first.joint, shape), 1, 1) for shape in shapes):
             if candidate is None:

@@ -33,6 +33,7 @@ from elid_cli.estimation.stiffness.links import LinkSystem
 from elid_cli.estimation.streaming.believed import check_reduced, need
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores
 from elid_cli.files import replacing
+from elid_cli.model.effects import effect_classes
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Segment, without_samples
 
@@ -185,8 +186,9 @@ def _told(said: Judgement | None) -> dict[str, Any] | None:
     """Return a judgement as JSON values."""
     if said is None:
         return None
-    lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient", "not_excluded")}
-    return {**lists, "biased": said.biased.tolist(), "notes": list(said.notes)}
+    lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient")}
+    bounds = None if said.not_excluded is None else [asdict(item) for item in said.not_excluded]
+    return {**lists, "not_excluded": bounds, "biased": said.biased.tolist(), "notes": list(said.notes)}
 
 
 def _heard(told: dict[str, Any] | None, joints: Sequence[str], columns: tuple[ColumnNoise, ...]) -> Judgement | None:
@@ -199,11 +201,15 @@ def _heard(told: dict[str, Any] | None, joints: Sequence[str], columns: tuple[Co
     need(all(j in joints and r in ROWS and np.isfinite(x) for j, r, x in places), "it judges no row of it")
     need(all(0 <= i.floor < np.inf and 0 <= i.correlation < np.inf for i in noise), "its noise is no number")
     need(all(isinstance(i.follows, str) and np.isfinite(i.share) for i in lacking), "it follows nothing")
-    bounds = tuple(NotExcluded(**item) for item in told.get("not_excluded", ()))
+    asked = told.get("not_excluded")
+    bounds = tuple(NotExcluded(**item) for item in asked or ())
     need(all(i.joint in joints and 0 <= i.up_to < np.inf and 0 <= i.moves < np.inf for i in bounds), "its bounds")
+    need(all(isinstance(x, str) for i in bounds for x in (i.effect, i.parameter, i.unit)), "a bound of it is no text")
+    bounds = tuple(item for item in bounds if item.effect in effect_classes())  # another elid may know more
     notes = tuple(told.get("notes", ()))
     need(all(isinstance(note, str) for note in notes), "a note of it is no text")
-    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1), columns, notes, (), bounds)
+    biased = np.array(told["biased"], dtype=bool).reshape(-1)
+    return Judgement(noise, lacking, biased, columns, notes, not_excluded=None if asked is None else bounds)
 
 
 def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:

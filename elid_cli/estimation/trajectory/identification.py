@@ -312,6 +312,7 @@ def identification_of(
         model="sufficient" if explained else "insufficient" if slow else model,
         insufficient=() if explained else found.insufficient,
         noise=() if explained else found.noise,
+        not_excluded=(),
         still=np.any(base.transform[:, places[~shown]] != 0, axis=1),
     )  # fmt: skip
     return with_doubtful_joints(told, signals.recording, above)

@@ -80,10 +80,10 @@ def absorbed_weight(
     for effect in (effect for effect in able if not (fit.effects and fit.effects.has(effect))):
         extra = extra_of(effect, scene, fit.signals)
         asked = size_beside(fit, extra, judged)
-        if asked and asked.sure <= LIKELY and (bound := bound_of(fit, effect, extra, asked, LIKELY)):
-            bounds.append(bound)
         if asked is not None and _seen(asked) and _can_be(effect, scene, asked):
             found.append((asked.sure, effect, asked))
+        elif asked is not None and (bound := bound_of(fit, effect, extra, asked, SURE)):
+            bounds.append(bound)
     most = max((sure for sure, *_ in found), default=0.0)
     found = sorted((item for item in found if item[0] >= AS_WELL * most), key=lambda item: -item[0])
     joints = dict.fromkeys(effect.joint for sure, effect, _ in found if sure > SURE)

@@ -80,16 +80,14 @@ def absorbed_zeros(
         asked = size_beside(fit, extra, judged)
         if asked is None:
             continue
-        if asked.sure <= likely and (bound := bound_of(fit, effect, extra, asked, likely)):
-            bounds.append(bound)
-        if not asked.moved.any():
-            continue
-        if asked.sure > least:
+        if asked.sure > least and asked.moved.any():
             found[effect.joint] = max(asked.sure, found.get(effect.joint, 0.0))
             moved |= asked.moved
-        elif asked.sure > likely and float(asked.shift.max()) > FAR:
+        elif asked.sure > likely and asked.moved.any() and float(asked.shift.max()) > FAR:
             moved |= asked.moved
             notes.append(_words(fit, effect, asked))
+        elif bound := bound_of(fit, effect, extra, asked, least):
+            bounds.append(bound)
     turns = _of_turns(fit, scene, judged, float(np.hypot(max(found.values(), default=0.0), max(OF_TURN, least))))
     surest = turns.joints or found
     joints = tuple(sorted(surest, key=lambda k: -surest[k]))

@@ -49,6 +49,7 @@ def with_differing_logs(
         found,
         insufficient=tuple(rows),
         model="insufficient" if rows else found.model,
+        not_excluded=() if rows else found.not_excluded,
         parameters=tuple(parameters),
         notes=(*found.notes, *notes),
     )

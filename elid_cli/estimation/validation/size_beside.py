@@ -17,6 +17,7 @@ from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.estimation.stiffness.noise import LARGEST_SHARE, shares_of_noise, with_pull
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.harmonics import PHASE
 from elid_cli.model.regressor import EstimationRow
 
 TAKEN_UP = "the bodies' parameters would have taken it up"
@@ -35,19 +36,21 @@ class Size(NamedTuple):
 
     values: Array
     """Coefficients, (d,)."""
-    errors: Array
-    """Their standard errors, (d,)."""
+    covariance: Array
+    """Of them, (d, d)."""
     sure: float
     """By how many standard errors they differ from 0 together."""
     shift: Array
     """By how many of their standard errors they move base parameters, (b,)."""
     loose: Array
     """The same by which base parameters may be off, as the size has an error of its own, (b,)."""
+    slopes: Array
+    """The same by which coefficients of 1 would move them, (b, d)."""
 
     @property
-    def moves(self) -> float:
-        """By how many of its standard errors some base parameter is off with a size of one standard error."""
-        return float(np.sqrt(np.maximum(self.loose**2 - self.shift**2, 0.0)).max(initial=0.0))
+    def errors(self) -> Array:
+        """Standard errors of the coefficients, (d,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
     def moved(self) -> NDArray[np.bool_]:
@@ -57,14 +60,16 @@ class Size(NamedTuple):
 
 
 def bound_of(fit: DefaultFit, effect: Effect, extra: ExtraColumns, asked: Size, least: float) -> NotExcluded | None:
-    """Return up to which size an effect would not show, if that is a part of the torque and moves a parameter.
+    """Return up to which size an effect would not show, if that is a part of some torque and moves a parameter.
+
+    Of amplitudes that are of one kind it is the one that is known worst: of a tilt that angle, of a sine any phase.
 
     Parameters
     ----------
     fit
         The fit beside which it was asked.
     effect
-        The effect. What is told is its first amplitude.
+        The effect. What is told is its first amplitude where the others are of another kind.
     extra
         Its columns.
     asked
@@ -72,16 +77,20 @@ def bound_of(fit: DefaultFit, effect: Effect, extra: ExtraColumns, asked: Size, 
     least
         Standard errors by which it must differ from 0 to be told.
     """
-    size, joint = least * float(asked.errors[0]), fit.model.robot.joints[effect.joint]
-    moves, row = least * asked.moves, EstimationRow("sum", effect.joint)
-    groups = [g for g in fit.observation.groups if g.row == row and row in extra.rows and g.use.any()]
-    shares = [_rms(extra.rows[row][0][g.use]) / max(_rms(g.target[g.use]), 1e-300) for g in groups]
+    joint, kinds = fit.model.robot.joints[effect.joint], effect.amplitudes
+    which = int(np.argmax(asked.errors)) if effect.whole_robot else 0
+    squares, directions = np.linalg.eigh(asked.covariance)
+    any_phase = len(kinds) == 2 and kinds[1] == PHASE
+    worst = directions[:, -1] if any_phase else np.eye(len(kinds))[which]
+    size = least * (float(np.sqrt(max(squares[-1], 0.0))) if any_phase else float(asked.errors[which]))
+    moves = size * float(np.abs(asked.slopes @ worst).max(initial=0.0))
+    groups = [g for g in fit.observation.groups if g.row.kind == "sum" and g.row in extra.rows and g.use.any()]
+    shares = [_rms(worst @ extra.rows[g.row][:, g.use]) / max(_rms(g.target[g.use]), 1e-300) for g in groups]
     share = size * max(shares, default=0.0)
     if not (COUNTS <= share <= 1.0 and moves > FAR_OFF):
         return None
-    first = effect.amplitudes[0]
-    unit = first.unit_at(slides=not (joint.revolute or effect.whole_robot))
-    return NotExcluded(effect.name, joint.name, first.name, size, unit, moves)
+    unit = kinds[which].unit_at(slides=not (joint.revolute or effect.whole_robot))
+    return NotExcluded(effect.name, joint.name, kinds[which].name, size, unit, moves)
 
 
 def _rms(x: Array) -> float:
@@ -127,7 +136,9 @@ def size_beside(fit: DefaultFit, extra: ExtraColumns, quiet: Mapping[EstimationR
     before = fit.deviations(fit.covariance)
     grown = np.maximum(solved.deviations(whole) ** 2 - before**2, 0.0)
     shift, loose = (_over(size, before) for size in (shift, np.sqrt(shift**2 + grown)))
-    return Size(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), sure, shift, loose)
+    together = solved.transform[:, basis] @ whole[:, where] @ np.linalg.pinv(covariance)
+    slopes = np.stack([_over(np.abs(column), before) * np.sign(column) for column in together.T], axis=1)
+    return Size(values, covariance, sure, shift, loose, slopes)
 
 
 def size_in_words(fit: DefaultFit, effect: Effect, asked: Size) -> str:

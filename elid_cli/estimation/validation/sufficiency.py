@@ -179,7 +179,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
         if n.rows in (("sum", "load") if word == WEIGHT else ("sum",)) and n.joint in [names[k] for k in joints]
     ]
     said = (*seen.insufficient, *absorbed)
-    bounds = () if said or not quiet else hidden.bounds
+    bounds = None if said or not quiet else hidden.bounds
     return Judgement(
         tuple(seen.noise), said, biased, columns_of(noise), hidden.notes if quiet else (), not_excluded=bounds
     )

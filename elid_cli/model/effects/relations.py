@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from elid_cli.robot.robot import Robot
 
 
-def in_deflection(effect: Effect, robot: Robot) -> bool:
-    """Whether an effect is a fault between the two encoders of its joint."""
-    return bool(effect.in_deflection) and robot.joints[effect.joint].elastic
+def in_deflection(effect: Effect | type[Effect], robot: Robot, joint: int) -> bool:
+    """Whether an effect at a joint is a fault between its two encoders."""
+    return bool(effect.in_deflection) and robot.joints[joint].elastic
 
 
 class Same(NamedTuple):

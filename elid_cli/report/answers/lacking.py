@@ -25,7 +25,7 @@ from elid_cli.report.tree import number_text, upper
 ABSORBED = {
     FACTOR: "the torque of {} looks off by a factor, which other values take up",
     ZERO: "the zero of the positions of {} looks off, or the base tilted, which other values take up",
-    TURN: "the positions of {} look off once per turn, as those of an eccentric encoder, which other values take up",
+    TURN: "the positions of {} look off once per turn, as an eccentric encoder's or gear's, which other values take up",
     WEIGHT: "a torque like a weight's looks missing at {}, such as a weak spring's, which other values take up (see the"
     " notes)",
 }

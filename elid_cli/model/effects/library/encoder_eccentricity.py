@@ -22,6 +22,8 @@ STEP = 1e-4
 """rad; amplitude with which the derivative of torques is taken; they are nearly linear in it."""
 MOST = 0.1
 """Part of the spring's strain that bodies may need for it: of more, K is not known yet."""
+ROUNDS = 12
+"""Times that the angle at which the encoder is wrong is taken from its reading: each leaves a tenth or less."""
 LEAST = 0.5
 """rad; range of angles below which a sine of one turn is a line and a constant."""
 
@@ -36,15 +38,19 @@ class EncoderEccentricity(Effect):
     title = "eccentric link encoder"
     summary = "link encoder off the centre of its shaft: wrong once per turn"
     equation = (
-        "link equation: -K amplitude sin(q + phase), motor equation: the same with +; all link equations: what the"
-        " bodies' torques are at q - amplitude sin(q + phase), less what they are at q"
+        "all link equations: what the bodies' torques are at q - amplitude sin(q + phase), less what they are at q; of"
+        " an elastic joint: link equation: -K amplitude sin(q + phase), motor equation: the same with +"
     )
     physics = (
         "The disc or the magnet of an encoder is mounted a little off the shaft's axis, or its ring runs out: the"
-        " reading leads over half a turn and lags over the other."
+        " reading leads over half a turn and lags over the other. Behind a gear that counts as rigid, whose motor alone"
+        " is read, an output that runs out does the same."
     )
     typical = "0.1-5 mrad"
-    fingerprint = "motor side much more than whole joint, along the joint's position, one period per turn"
+    fingerprint = (
+        "along the joint's position, one period per turn: of an elastic joint on the motor side much more than of the"
+        " whole joint, of a rigid one hardly anything, as the bodies' parameters take it up"
+    )
     record = "the joint's whole turn, lightly loaded; readings of a second encoder or of marks on the joint"
     place = "encoder"
     strains_spring = from_model = True
@@ -126,10 +132,21 @@ class EncoderEccentricity(Effect):
         return amplitude * np.array([math.cos(phase), math.sin(phase)]), ()
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
-        """Return the link's position and speed as logged."""
-        angle = signals["q"][:, self.joint] + values["phase"]
-        found = self._in_channels(signals, ("q",), lambda q: q + values["amplitude"] * np.sin(angle))
-        return found | self._in_channels(signals, ("dq",), lambda dq: dq * (1 + values["amplitude"] * np.cos(angle)))
+        """Return the link's position and speed as logged; of a rigid joint those of its motor, which are the same.
+
+        What is wrong repeats with the reading; a negative amplitude takes it off one.
+        """
+        amplitude, phase, q = values["amplitude"], values["phase"], signals["q"][:, self.joint]
+        reading = q
+        for _ in range(ROUNDS if amplitude > 0 else 1):
+            reading = q + amplitude * np.sin(reading + phase)
+        slope = amplitude * np.cos((reading if amplitude > 0 else q) + phase)
+        both = "theta" in signals and np.array_equal(q, signals["theta"][:, self.joint], equal_nan=True)
+        positions, speeds = (("q", "theta"), ("dq", "dtheta")) if both else (("q",), ("dq",))
+        found = self._in_channels(signals, positions, lambda _: reading)
+        return found | self._in_channels(
+            signals, speeds, lambda speed: speed / (1 - slope) if amplitude > 0 else speed * (1 + slope)
+        )
 
 
 def _waves(q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
