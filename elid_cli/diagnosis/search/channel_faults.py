@@ -28,10 +28,10 @@ from elid_cli.model.regressor import EstimationRow
 
 TWIN_TAKES = 0.98
 """Part of what a fault takes from left-out folds that a twin must take in its place, to be as possible."""
-LEAVES = 1.15
-"""Left-out error of any one row, over that with the fault, from which a twin is not as possible. Noise blurs the sign
-of a velocity at reversals: on 24 simulated logs friction that differs between directions, the truth, was worse than an
-offset by up to 8 % in one row; the wrong twins of 24 offsets were the same ones with 1.05."""
+LEAVES, BLURRED = 1.05, 1.15
+"""Left-out error of any one row, over that with the fault, from which a twin is not as possible, and that of a twin
+that follows the motor's speed alone: noise blurs the sign of that at reversals. On 24 simulated logs friction that
+differs between directions, the truth, was worse than an offset by up to 8 % in one row."""
 SHORT = 1.05
 """Samples up to which a delay is one of the sampling, which every log has, and no effect."""
 
@@ -96,7 +96,8 @@ def _as_possible(state: State, lacking: State, effect: Effect, rows: Sequence[Es
         other = refreshed(fit(lacking.log, (*lacking.effects, candidate.effect), lacking.scene, but=lacking.but))
         values = other.named(len(other.effects) - 1)
         nothing, by_fault, by_twin = (left_out_error(s, state, rows) for s in (lacking, state, other))
-        worse = any(left_out_error(other, state, [r]) > LEAVES * left_out_error(state, state, [r]) for r in rows)
+        most = BLURRED if twin.of_motor_speed else LEAVES
+        worse = any(left_out_error(other, state, [r]) > most * left_out_error(state, state, [r]) for r in rows)
         takes = not worse and nothing - by_twin >= TWIN_TAKES * (nothing - by_fault)
         errors = standard_errors(other, len(other.effects) - 1) if takes else {}
         room = takes and twin.can_be(other.scene, effect.joint, values, errors)
