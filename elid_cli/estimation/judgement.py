@@ -98,8 +98,8 @@ class NotExcluded:
     """A fault or a missing torque that a log would show from some size on only."""
 
     effect: str
-    joint: str
-    """Where; of a tilt of the base the first joint."""
+    joint: str | None
+    """Where; None: of the whole robot."""
     parameter: str
     """Its amplitude."""
     up_to: float
@@ -160,7 +160,7 @@ def without_chance(told: Sequence[Judgement]) -> list[Judgement]:
 def joined_bounds(told: Sequence[Judgement]) -> tuple[NotExcluded, ...]:
     """Return what none of several logs excludes: up to the smallest size, as each of them would show it."""
     asked = [one.not_excluded for one in told if one.not_excluded is not None]
-    kept: dict[tuple[str, str, str], NotExcluded] = {}
+    kept: dict[tuple[str, str | None, str], NotExcluded] = {}
     for item in (item for bounds in asked for item in bounds):
         key = item.effect, item.joint, item.parameter
         kept[key] = min(item, kept.get(key, item), key=lambda i: i.up_to)

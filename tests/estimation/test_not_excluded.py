@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def _sprung(stiffness: float, joint: int, preload: float = 0.0) -> Laws:
 
 def _with(made: Made, item: NotExcluded, times: float, seed: int) -> Identification:
     """Return the identification of the same log with a fault of some times the size that would not show."""
-    joint, size = made.robot.joint_names.index(item.joint), times * item.up_to
+    joint, size = made.robot.joint_names.index(item.joint or ""), times * item.up_to
     laws = _sprung(size, joint) if item.effect == "link_spring" else _read({item.effect: size}, joint)
     return identified(made, made.robot, laws, torque=0.003, seed=seed)
 
@@ -112,6 +113,14 @@ def test_an_offset_alone_is_no_spring() -> None:
     found = identified(made, made.robot, _sprung(0.0, 1, 0.2 * made.sizes[1].torque), torque=0.01, seed=2)
     assert found.model == "sufficient"
     assert not found.notes
+
+
+def test_a_tilt_is_of_the_base_and_of_no_joint() -> None:
+    made = made_rigid(4)
+    found = identified(made, made.robot, Laws(), torque=0.003, seed=4)
+    tilt = NotExcluded("gravity_direction", None, "roll", 0.002, "rad", 1e3)
+    words = words_of(replace(found, not_excluded=(tilt,)))
+    assert "unseen: gravity direction of 0.002 rad; values are then off by up to 1000 standard errors." in words
 
 
 def _bound(joint: str, up_to: float, moves: float) -> NotExcluded:

@@ -203,7 +203,10 @@ def _heard(told: dict[str, Any] | None, joints: Sequence[str], columns: tuple[Co
     need(all(isinstance(i.follows, str) and np.isfinite(i.share) for i in lacking), "it follows nothing")
     asked = told.get("not_excluded")
     bounds = tuple(NotExcluded(**item) for item in asked or ())
-    need(all(i.joint in joints and 0 <= i.up_to < np.inf and 0 <= i.moves < np.inf for i in bounds), "its bounds")
+    need(
+        all(i.joint in (None, *joints) and 0 <= i.up_to < np.inf and 0 <= i.moves < np.inf for i in bounds),
+        "its bounds",
+    )
     need(all(isinstance(x, str) for i in bounds for x in (i.effect, i.parameter, i.unit)), "a bound of it is no text")
     bounds = tuple(item for item in bounds if item.effect in effect_classes())  # another elid may know more
     notes = tuple(told.get("notes", ()))

@@ -90,7 +90,7 @@ def bound_of(fit: DefaultFit, effect: Effect, extra: ExtraColumns, asked: Size, 
     if not (COUNTS <= share <= 1.0 and moves > FAR_OFF):
         return None
     unit = kinds[which].unit_at(slides=not (joint.revolute or effect.whole_robot))
-    return NotExcluded(effect.name, joint.name, kinds[which].name, size, unit, moves)
+    return NotExcluded(effect.name, effect.joint_name(fit.model.robot), kinds[which].name, size, unit, moves)
 
 
 def _rms(x: Array) -> float:

@@ -89,7 +89,8 @@ def hidden_words(found: Identification) -> str:
     kinds = effect_classes()
     faults = [
         f"{kinds[item.effect].title or item.effect.replace('_', ' ')} of "
-        f"{f'{number_text(item.up_to, 2)} {item.unit}' if item.unit else share_text(item.up_to)} at {item.joint}"
+        f"{f'{number_text(item.up_to, 2)} {item.unit}' if item.unit else share_text(item.up_to)}"
+        f"{f' at {item.joint}' if item.joint else ''}"
         for item in found.not_excluded
     ]
     moves = number_text(found.not_excluded[0].moves, 2)
